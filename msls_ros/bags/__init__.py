@@ -1,0 +1,23 @@
+"""Bags: written so that a kill loses at most the last second, read whatever state they are in."""
+
+from __future__ import annotations
+
+from msls_ros.bags.definitions import Definition, Definitions, typestore
+from msls_ros.bags.errors import BagError
+from msls_ros.bags.metadata import Qos
+from msls_ros.bags.reader import BagReader, read
+from msls_ros.bags.storage import BagMessage, Summary
+from msls_ros.bags.writer import BagWriter
+
+__all__ = [
+    "BagError",
+    "BagMessage",
+    "BagReader",
+    "BagWriter",
+    "Definition",
+    "Definitions",
+    "Qos",
+    "Summary",
+    "read",
+    "typestore",
+]

@@ -1,0 +1,310 @@
+"""Reads an MCAP file from the front to the back, finished or cut off or damaged.
+
+Readers that start at the index at the end of the file cannot open what a killed recorder leaves, and stop
+at the first damaged chunk. This one needs no index: every record says how long it is. ::
+
+    opcode (1) | length (8) | content          little endian; a chunk holds records and the CRC of them all
+
+What fails is skipped if its length can be trusted; else the index, if there is one, says where the next
+chunk begins. Memory: one chunk. Order: as written, which is by log time up to the jitter of the recorder.
+
+References
+----------
+MCAP format specification, version 0, https://mcap.dev/spec
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from bisect import bisect_right
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from io import BytesIO
+from pathlib import Path
+from typing import BinaryIO
+
+import lz4.frame  # type: ignore[import-untyped]
+import zstandard
+
+from msls_ros.bags.errors import BagError
+from msls_ros.bags.mcap_index import Index, read_index
+from msls_ros.bags.storage import BagMessage, Summary, Topic
+
+MAGIC = b"\x89MCAP0\r\n"
+_CHANNEL, _SCHEMA, _MESSAGE, _CHUNK, _MESSAGE_INDEX, _DATA_END = 0x04, 0x03, 0x05, 0x06, 0x07, 0x0F
+_LAST_OPCODE = 0x0F
+_RECORD = struct.Struct("<BQ")
+_MESSAGE_RECORD = struct.Struct("<BQHIQQ")
+_CHUNK_HEAD = struct.Struct("<QQQII")
+_MAX_CHUNK = 1 << 31
+_PIECE = 1 << 24
+
+
+class _Damage(Exception):
+    """A record, or what is in it, is not as it was written."""
+
+
+class McapScanner:
+    """Scanner of one MCAP file.
+
+    Parameters
+    ----------
+    path : Path
+        The file, for messages.
+    stream : BinaryIO
+        Its content from the first byte on, decompressed.
+    size : int or None
+        Its length; None where `stream` cannot be positioned (a compressed file).
+
+    Raises
+    ------
+    BagError
+        It is not an MCAP file.
+    """
+
+    def __init__(self, path: Path, stream: BinaryIO, size: int | None) -> None:
+        self._path = path
+        self._stream = stream
+        self._size = size
+        self._index = Index() if size is None else read_index(stream, size)
+        self._registry = self._index.registry
+        if size is not None:
+            stream.seek(0)
+        if self._read(len(MAGIC)) != MAGIC:
+            msg = f"{path}: not an MCAP file; expected its magic bytes at the start"
+            raise BagError(msg)
+        self._position = len(MAGIC)
+        self._last_ns: int | None = None
+        self._damaged = 0
+        self._first_damage = ""
+        self._end = ""
+        self._unknown = 0
+
+    @property
+    def topics(self) -> list[Topic]:
+        """All topics met so far; those of the index from the start."""
+        return list(self._registry.topics.values())
+
+    @property
+    def summary(self) -> Summary | None:
+        """What the index says; None without an index."""
+        return self._index.summary
+
+    def progress(self) -> float:
+        """Give the share of the file that has been read, 0 to 1; 0 where its length is not known."""
+        return self._position / self._size if self._size else 0.0
+
+    def close(self) -> None:
+        """Close the file."""
+        self._stream.close()
+
+    def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
+        """Yield the messages of a chunk at a time.
+
+        Parameters
+        ----------
+        wanted : callable
+            Whether a topic is to be read.
+        warn : callable
+            Gets a sentence for each kind of damage.
+
+        Yields
+        ------
+        list of BagMessage
+            In the order in which they were written.
+        """
+        complete = False
+        while not complete:
+            start = self._position
+            batch: list[BagMessage] = []
+            try:
+                complete = self._record(batch, wanted)
+                follow: int | None = self._position
+            except _Damage as damage:
+                follow = self._after_damage(start, str(damage))
+            if batch:
+                self._last_ns = batch[-1].stamp_ns
+                yield batch
+            if not complete and follow is None:
+                break
+            if follow is not None and follow != self._position:
+                self._stream.seek(follow)
+                self._position = follow
+        self._conclude(complete, warn)
+
+    def _after_damage(self, start: int, what: str) -> int | None:
+        """Note the damage and give where to go on; None: nowhere."""
+        if self._position > start:
+            follow: int | None = self._position
+        elif self._size is None:
+            follow = None
+        else:
+            place = bisect_right(self._index.chunks, start)
+            follow = self._index.chunks[place] if place < len(self._index.chunks) else None
+        self._end = what
+        if follow is not None or self._index.finished:
+            self._damaged += 1
+            self._first_damage = self._first_damage or f"at byte {start} {what}"
+        return follow
+
+    def _conclude(self, complete: bool, warn: Callable[[str], None]) -> None:
+        until = "no message" if self._last_ns is None else f"the last message has log time {self._last_ns / 1e9:.9g} s"
+        if self._damaged:
+            parts = "one damaged part" if self._damaged == 1 else f"{self._damaged} damaged parts"
+            warn(f"{self._path}: {parts} skipped ({self._first_damage}); all the rest was read")
+        elif not complete:
+            warn(f"{self._path}: not finished, {self._end} at byte {self._position}; read up to there, {until}")
+        elif self._size is not None and not self._index.finished:
+            warn(f"{self._path}: its index is {self._index.problem or 'missing'}; all messages were read without it")
+        if self._unknown:
+            warn(f"{self._path}: {self._unknown} messages on a channel that is not described were skipped")
+
+    def _record(self, batch: list[BagMessage], wanted: Callable[[str], bool]) -> bool:
+        """Read one record into `batch`; true: it was the end of the data.
+
+        On `_Damage`, `_position` has moved only if the length of the record can be trusted.
+        """
+        start = self._position
+        head = self._read(_RECORD.size)
+        if len(head) < _RECORD.size:
+            what = "the file ends"
+            raise _Damage(what)
+        opcode, length = _RECORD.unpack(head)
+        left = None if self._size is None else self._size - start - _RECORD.size
+        if not (0 < opcode <= _LAST_OPCODE or opcode >= 0x80):
+            what = f"is no record (opcode {opcode})"
+            raise _Damage(what)
+        if opcode == _CHUNK:
+            self._chunk(length, left, batch, wanted)
+        elif left is not None and length > left:
+            what = "a record is longer than the file"
+            raise _Damage(what)
+        elif opcode in (_SCHEMA, _CHANNEL, _MESSAGE):
+            content = self._read(length)
+            if len(content) < length:
+                what = "the file ends"
+                raise _Damage(what)
+            self._position = start + _RECORD.size + length
+            self._records(head + content, batch, wanted)
+        else:
+            self._skip(opcode, length)
+            self._position = start + _RECORD.size + length
+        return bool(opcode == _DATA_END)
+
+    def _chunk(self, length: int, left: int | None, batch: list[BagMessage], wanted: Callable[[str], bool]) -> None:
+        start = self._position
+        head = self._read(_CHUNK_HEAD.size)
+        if len(head) < _CHUNK_HEAD.size:
+            what = "the file ends"
+            raise _Damage(what)
+        _, _, size, crc, name_length = _CHUNK_HEAD.unpack(head)
+        rest = self._read(name_length + 8) if name_length <= 16 else b""
+        compressed = int.from_bytes(rest[name_length:], "little")
+        if len(rest) != name_length + 8 or length != _CHUNK_HEAD.size + name_length + 8 + compressed:
+            what = "the head of a chunk is damaged"
+            raise _Damage(what)
+        content = self._read(compressed if left is None else min(compressed, left))
+        cut = len(content) < compressed
+        if not cut:
+            self._position = start + _RECORD.size + length
+        data = _decompress(rest[:name_length], content, size, cut)
+        if cut:
+            self._salvage(data, batch, wanted)
+        if crc and zlib.crc32(data) != crc:
+            what = "the checksum of a chunk is wrong"
+            raise _Damage(what)
+        self._records(data, batch, wanted)
+
+    def _salvage(self, data: bytes, batch: list[BagMessage], wanted: Callable[[str], bool]) -> None:
+        """Take the whole messages of a chunk that the end of the file cuts off."""
+        with suppress(_Damage):
+            self._records(data, batch, wanted)
+        what = "the file ends in a chunk"
+        raise _Damage(what)
+
+    def _records(self, data: bytes, batch: list[BagMessage], wanted: Callable[[str], bool]) -> None:
+        """Take schemas, channels and messages; the inner loop of all reading."""
+        names = {n: (t.name, t.msgtype) for n, t in self._registry.topics.items() if wanted(t.name)}
+        unpack, make, new, append = _MESSAGE_RECORD.unpack_from, BagMessage, tuple.__new__, batch.append
+        position, end = 0, len(data)
+        while position < end:
+            try:
+                if data[position] == _MESSAGE:
+                    _, length, channel, _, stamp, _ = unpack(data, position)
+                    follow = position + 9 + length
+                    if length < 22 or follow > end:
+                        what = "a message does not fit its chunk"
+                        raise _Damage(what)
+                    if channel in names:
+                        topic, msgtype = names[channel]
+                        append(new(make, (topic, msgtype, stamp, data[position + 31 : follow])))
+                    elif channel not in self._registry.topics:
+                        self._unknown += 1
+                else:
+                    opcode, length = _RECORD.unpack_from(data, position)
+                    follow = position + 9 + length
+                    if opcode not in (_SCHEMA, _CHANNEL) or follow > end:
+                        what = "a chunk holds what is no record"
+                        raise _Damage(what)
+                    self._registry.take(opcode, data[position + 9 : follow])
+                    names = {n: (t.name, t.msgtype) for n, t in self._registry.topics.items() if wanted(t.name)}
+            except (struct.error, ValueError) as error:
+                what = "a record is damaged"
+                raise _Damage(what) from error
+            position = follow
+
+    def _read(self, count: int) -> bytes:
+        """Read that many bytes, fewer at the end; never reserves more than is there."""
+        try:
+            if count <= _PIECE:
+                return self._stream.read(count)
+            pieces: list[bytes] = []
+            while count > 0 and (piece := self._stream.read(min(count, _PIECE))):
+                pieces.append(piece)
+                count -= len(piece)
+            return b"".join(pieces)
+        except (zstandard.ZstdError, OSError):
+            return b""
+
+    def _skip(self, opcode: int, length: int) -> None:
+        if opcode == _MESSAGE_INDEX:
+            head = self._read(6)
+            if length != 6 + int.from_bytes(head[2:], "little"):
+                what = "a message index is damaged"
+                raise _Damage(what)
+            length -= 6
+        if self._size is not None:
+            self._stream.seek(length, 1)
+            return
+        while length > 0:
+            piece = len(self._read(min(length, _PIECE)))
+            if piece == 0:
+                what = "the file ends"
+                raise _Damage(what)
+            length -= piece
+
+
+def _decompress(compression: bytes, content: bytes, size: int, cut: bool) -> bytes:
+    """Decompress a chunk; of one that is cut off, what there is."""
+    if size > _MAX_CHUNK:
+        what = "the size of a chunk is damaged"
+        raise _Damage(what)
+    try:
+        if compression == b"":
+            data = content
+        elif compression == b"zstd":
+            with zstandard.ZstdDecompressor().stream_reader(BytesIO(content)) as reader:
+                data = reader.read(size + 1)
+        elif compression == b"lz4":
+            data = lz4.frame.LZ4FrameDecompressor().decompress(content, max_length=size + 1)
+        else:
+            what = f"a chunk has an unknown compression {compression!r}"
+            raise _Damage(what)
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        what = "a chunk cannot be decompressed"
+        raise _Damage(what) from error
+    if len(data) != size and not cut:
+        what = "a chunk has the wrong size"
+        raise _Damage(what)
+    return data
