@@ -1,0 +1,51 @@
+"""The plant: an F-16 with thrust vectoring (F-16/MATV) over JSBSim, with sensors, damage, truth and a pilot.
+
+SI units and radians. See `msls_ros.plant.airframe` for how the aircraft is derived and what it leaves out.
+"""
+
+from msls_ros.plant.aircraft import Aircraft
+from msls_ros.plant.airframe import ACTUATORS, SURFACE_ACTUATORS
+from msls_ros.plant.conditions import CONDITIONS, FlightCondition
+from msls_ros.plant.interface import (
+    EFFECTORS,
+    PILOT_STATION,
+    STATES,
+    SURFACES,
+    SURFACES_OF,
+    Actuator,
+    LinearTruth,
+    PlantError,
+    Sample,
+    actuator_gain,
+)
+from msls_ros.plant.manoeuvres import Manoeuvre, RollDoublet, Steady
+from msls_ros.plant.pilot import Pilot
+from msls_ros.plant.sensors import NOISE_LEVELS, NoiseLevel, Sensors
+from msls_ros.plant.trim import Trim, find_trim
+
+__all__ = [
+    "ACTUATORS",
+    "CONDITIONS",
+    "EFFECTORS",
+    "NOISE_LEVELS",
+    "PILOT_STATION",
+    "STATES",
+    "SURFACES",
+    "SURFACES_OF",
+    "SURFACE_ACTUATORS",
+    "Actuator",
+    "Aircraft",
+    "FlightCondition",
+    "LinearTruth",
+    "Manoeuvre",
+    "NoiseLevel",
+    "Pilot",
+    "PlantError",
+    "RollDoublet",
+    "Sample",
+    "Sensors",
+    "Steady",
+    "Trim",
+    "actuator_gain",
+    "find_trim",
+]

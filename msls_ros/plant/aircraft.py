@@ -1,0 +1,176 @@
+"""The flying aircraft: step it with effector commands, sample it, damage it, ask for its truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from msls_ros.plant import airframe
+from msls_ros.plant.conditions import FlightCondition
+from msls_ros.plant.interface import (
+    EFFECTORS,
+    EFFECTORS_FROM_SURFACES,
+    SURFACES,
+    SURFACES_OF,
+    LinearTruth,
+    PlantError,
+    Sample,
+)
+from msls_ros.plant.model import Model, Surroundings
+from msls_ros.plant.trim import find_trim
+from msls_ros.plant.truth import Twin
+
+_PSI = 8
+_SHARES = np.linalg.inv(EFFECTORS_FROM_SURFACES)
+
+
+class Aircraft:
+    """An F-16/MATV in flight, starting in trim at time 0. The same calls give the same bits.
+
+    Parameters
+    ----------
+    condition : FlightCondition
+        Where it starts.
+    rate : int
+        Steps per second [Hz], 50 to 1000.
+
+    Raises
+    ------
+    PlantError
+        If the rate is out of range or the condition cannot be trimmed.
+
+    Notes
+    -----
+    States, derivatives and deflections of a sample belong to one instant. There is no reset: build a new aircraft.
+    """
+
+    def __init__(self, condition: FlightCondition, *, rate: int = 100) -> None:
+        if isinstance(rate, bool) or not isinstance(rate, int) or not 50 <= rate <= 1000:
+            message = f"rate {rate!r}: expected a whole number of steps per second from 50 to 1000"
+            raise PlantError(message)
+        self.trim = find_trim(condition)
+        self.rate = rate
+        self._steps = 0
+        self._model = Model(condition, rate)
+        self._model.surround(
+            Surroundings(self.trim.place, self.trim.throttle, self.trim.spools, (1.0,) * 7, (0.0,) * 7)
+        )
+        self._model.put(self.trim.x.tolist(), self.trim.delta.tolist())
+        self._psi = float(self.trim.x[_PSI])
+        self._twin: Twin | None = None
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the start [s]."""
+        return self._steps / self.rate
+
+    def step(self, command: npt.ArrayLike) -> None:
+        """Fly one step with effector commands.
+
+        Parameters
+        ----------
+        command : array_like, shape (7,)
+            Commanded deflections in the order of `EFFECTORS` [rad]; the surfaces' limits apply.
+
+        Raises
+        ------
+        PlantError
+            If the command is not seven finite numbers; the flight is then untouched. If the flight has diverged.
+        """
+        self._model.command(_checked(command))
+        self._model.run()
+        self._steps += 1
+        psi = self._model.heading()
+        turn = 2.0 * math.pi
+        self._psi += (psi - self._psi + math.pi) % turn - math.pi
+        if not math.isfinite(self._psi):
+            message = f"the flight diverged at {self.time:.3f} s: its states are no longer numbers"
+            raise PlantError(message)
+
+    def sample(self) -> Sample:
+        """Noise-free states, derivatives and measured deflections of the present instant."""
+        x = self._model.state()
+        x[_PSI] = self._psi
+        delta = EFFECTORS_FROM_SURFACES.dot(self._model.positions())
+        return Sample(self.time, x, self._model.derivative(), delta)
+
+    def damage(self, surface_or_effector: str, effectiveness: float, bias: float = 0.0) -> str:
+        """Damage a surface, or all surfaces of an effector, from now on.
+
+        Parameters
+        ----------
+        surface_or_effector : str
+            A name of `SURFACES` or `EFFECTORS`.
+        effectiveness : float
+            What is left of the effect of its deflection: 1 intact, 0 lost.
+        bias : float
+            Deflection that the damage adds to what the air feels [rad]; for an effector, of the effector.
+
+        Returns
+        -------
+        str
+            One sentence that says what was done.
+
+        Raises
+        ------
+        PlantError
+            If the name is unknown or a number is out of range; nothing is then damaged.
+        """
+        names = SURFACES_OF.get(surface_or_effector, (surface_or_effector,))
+        if any(name not in SURFACES for name in names):
+            known = ", ".join((*SURFACES, *EFFECTORS))
+            message = f"unknown surface or effector {surface_or_effector!r}: expected one of {known}"
+            raise PlantError(message)
+        if not (_is_number(effectiveness) and 0.0 <= effectiveness <= 1.0):
+            message = f"effectiveness {effectiveness!r}: expected a number from 0 (lost) to 1 (intact)"
+            raise PlantError(message)
+        limit = airframe.SURFACE_ACTUATORS[names[0]].high
+        if not (_is_number(bias) and abs(bias) <= limit):
+            message = f"bias {bias!r} rad: expected a number within +-{limit:.3f} rad"
+            raise PlantError(message)
+        for name in names:
+            surface = SURFACES.index(name)
+            share = 1.0
+            if surface_or_effector in EFFECTORS:
+                share = float(_SHARES[surface, EFFECTORS.index(surface_or_effector)])
+            self._model.set_damage(surface, float(effectiveness), share * float(bias))
+        left = "intact" if effectiveness == 1.0 else "lost" if effectiveness == 0.0 else f"{effectiveness:.0%} effective"
+        added = f", with {bias:+.4f} rad added" if bias else ""
+        return f"{' and '.join(names)} {left}{added}, from {self.time:.2f} s"
+
+    def truth(self) -> LinearTruth:
+        """The true linear model at the present instant, damage included; the flight is not disturbed."""
+        return self._get_twin().tangent(self.sample(), self._model.surroundings())
+
+    def twin_derivative(self) -> npt.NDArray[np.float64]:
+        """Time derivatives (9,) as the twin behind `truth` computes them: the check that the twin is one."""
+        return self._get_twin().derivative(self.sample(), self._model.surroundings())
+
+    def _get_twin(self) -> Twin:
+        if self._twin is None:
+            self._twin = Twin(self.trim.condition)
+        return self._twin
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
+
+
+def _checked(command: npt.ArrayLike) -> Sequence[float]:
+    try:
+        values = np.asarray(command, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        message = f"a command of {command!r}: expected {len(EFFECTORS)} numbers"
+        raise PlantError(message) from error
+    if values.shape != (len(EFFECTORS),):
+        message = f"a command of shape {values.shape}: expected ({len(EFFECTORS)},) for {' '.join(EFFECTORS)}"
+        raise PlantError(message)
+    numbers: list[float] = values.tolist()
+    if not all(map(math.isfinite, numbers)):
+        bad = next(name for name, value in zip(EFFECTORS, numbers, strict=True) if not math.isfinite(value))
+        message = f"the command for {bad} is not a finite number: expected {len(EFFECTORS)} finite numbers [rad]"
+        raise PlantError(message)
+    return numbers

@@ -1,0 +1,67 @@
+"""Flight conditions at which the aircraft is trimmed."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+_POUND = 0.45359237
+_FOOT = 0.3048
+
+
+@dataclass(frozen=True)
+class FlightCondition:
+    """A steady flight: the trim is found for it.
+
+    Attributes
+    ----------
+    name : str
+        How it is called.
+    altitude : float
+        Above sea level [m].
+    mach : float
+        Mach number.
+    alpha : float or None
+        Angle of attack [rad]; the flight path then follows from the trim. None: level flight, alpha follows.
+    ballast : float
+        Mass added at the centre of mass [kg]; without it this condition has no steady flight, lift exceeding weight.
+    leading_edge_flap : float
+        Fixed deflection [rad]; the bundled aircraft switches it on and off.
+    description : str
+        One sentence for people.
+    """
+
+    name: str
+    altitude: float
+    mach: float
+    alpha: float | None
+    ballast: float
+    leading_edge_flap: float
+    description: str
+
+
+CONDITIONS: Mapping[str, FlightCondition] = MappingProxyType(
+    {
+        "high_alpha": FlightCondition(
+            name="high_alpha",
+            altitude=20_000.0 * _FOOT,
+            mach=0.23,
+            alpha=math.radians(38.5),
+            ballast=6_000.0 * _POUND,
+            leading_edge_flap=math.radians(25.0),
+            description="20,000 ft, Mach 0.23, angle of attack 38.5 deg, descending: the paper's condition",
+        ),
+        "cruise": FlightCondition(
+            name="cruise",
+            altitude=20_000.0 * _FOOT,
+            mach=0.6,
+            alpha=None,
+            ballast=0.0,
+            leading_edge_flap=0.0,
+            description="20,000 ft, Mach 0.6, level",
+        ),
+    }
+)
+"""The conditions that ship, by name."""

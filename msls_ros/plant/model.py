@@ -1,0 +1,197 @@
+"""One JSBSim flight dynamics model behind SI units: put it anywhere, read it anywhere."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from msls_ros.plant import airframe
+from msls_ros.plant.conditions import FlightCondition
+from msls_ros.plant.interface import EFFECTORS, SURFACES, Array, PlantError
+
+FOOT = 0.3048
+_X = (
+    "velocities/u-fps",
+    "velocities/v-fps",
+    "velocities/w-fps",
+    "velocities/p-rad_sec",
+    "velocities/q-rad_sec",
+    "velocities/r-rad_sec",
+    "attitude/phi-rad",
+    "attitude/theta-rad",
+    "attitude/psi-rad",
+)
+_XDOT = (
+    "accelerations/udot-ft_sec2",
+    "accelerations/vdot-ft_sec2",
+    "accelerations/wdot-ft_sec2",
+    "accelerations/pdot-rad_sec2",
+    "accelerations/qdot-rad_sec2",
+    "accelerations/rdot-rad_sec2",
+    "velocities/phidot-rad_sec",
+    "velocities/thetadot-rad_sec",
+    "velocities/psidot-rad_sec",
+)
+_ENGINE = ("propulsion/engine/n1", "propulsion/engine/n2")
+_PLACE = ("position/h-sl-ft", "position/lat-geod-rad")
+_IC_PLACE = ("ic/h-sl-ft", "ic/lat-geod-rad")
+_IC_ATTITUDE = ("ic/phi-rad", "ic/theta-rad", "ic/psi-true-rad")
+_IC_VELOCITY = ("ic/u-fps", "ic/v-fps", "ic/w-fps")
+_IC_RATES = ("ic/p-rad_sec", "ic/q-rad_sec", "ic/r-rad_sec")
+_SI = np.array([FOOT, FOOT, FOOT, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+_THROTTLE_TO_POSITION = 2.0
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What the accelerations depend on besides states and effectors.
+
+    Attributes
+    ----------
+    place : tuple of float
+        Altitude [ft] and geodetic latitude [rad].
+    throttle : float
+        Throttle command [1]; 0.5 is full dry thrust, above it the afterburner works.
+    spools : tuple of float
+        Engine speeds n1, n2 [%].
+    effectiveness, bias : tuple of float
+        Damage by surface: what is left [1], added deflection [rad].
+    """
+
+    place: tuple[float, ...]
+    throttle: float
+    spools: tuple[float, ...]
+    effectiveness: tuple[float, ...]
+    bias: tuple[float, ...]
+
+
+class Model:
+    """A flight dynamics model of the F-16/MATV at one loading.
+
+    Parameters
+    ----------
+    condition : FlightCondition
+        Ballast and leading-edge flap are taken from it.
+    rate : int
+        Steps per second [Hz].
+    ideal : bool
+        Actuators without lag, rate limits and position limits.
+    """
+
+    def __init__(self, condition: FlightCondition, rate: int, *, ideal: bool = False) -> None:
+        self._fdm = airframe.load(condition.ballast, rate, ideal=ideal)
+        self._manager = self._fdm.get_property_manager()
+        self._x = self._nodes(_X)
+        self._xdot = self._nodes(_XDOT)
+        self._positions = self._nodes([f"fcs/{name}-pos-rad" for name in SURFACES])
+        self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in EFFECTORS])
+        self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in SURFACES])
+        self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
+        self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
+        self._engine = self._nodes(_ENGINE)
+        self._place = self._nodes(_PLACE)
+        self._ic_place = self._nodes(_IC_PLACE)
+        self._ic_state = self._nodes((*_IC_ATTITUDE, *_IC_VELOCITY, *_IC_RATES))
+        self.run = self._fdm.run
+        self._start(condition)
+
+    def _nodes(self, paths: Sequence[str]) -> tuple[airframe.Node, ...]:
+        nodes = tuple(self._manager.get_node(path) for path in paths)
+        missing = [path for path, node in zip(paths, nodes, strict=True) if node is None]
+        if missing:
+            message = f"JSBSim has no property {missing[0]}: expected the F-16 and JSBSim 1.3"
+            raise PlantError(message)
+        return nodes
+
+    def _start(self, condition: FlightCondition) -> None:
+        self._fdm.set_property_value("fcs/lef-pos-rad", condition.leading_edge_flap)
+        self._fdm.set_property_value("propulsion/fuel_freeze", 1.0)
+        self._ic_place[0].set_double_value(condition.altitude / FOOT)
+        self._ic_state[3].set_double_value(500.0)
+        self._initialise()
+        spools = []
+        for throttle in (0.0, 1.0 / _THROTTLE_TO_POSITION):
+            self._throttle[0].set_double_value(throttle)
+            self._initialise()
+            self._fdm.set_property_value("propulsion/set-running", -1)
+            spools.append([node.get_double_value() for node in self._engine])
+        self._idle, self._full = spools
+
+    def _initialise(self) -> None:
+        if not self._fdm.run_ic():
+            message = "JSBSim cannot start from the initial condition: " + "; ".join(airframe.silence().errors)
+            raise PlantError(message)
+
+    def speed_of_sound(self) -> float:
+        """Speed of sound where the model is [m/s]."""
+        return float(self._fdm.get_property_value("atmosphere/a-fps")) * FOOT
+
+    def steady_spools(self, throttle: float) -> tuple[float, ...]:
+        """Engine speeds n1, n2 [%] that a throttle command settles at."""
+        position = min(max(_THROTTLE_TO_POSITION * throttle, 0.0), 1.0)
+        return tuple(a + position * (b - a) for a, b in zip(self._idle, self._full, strict=True))
+
+    def surroundings(self) -> Surroundings:
+        """What the accelerations depend on now, besides states and effectors."""
+        return Surroundings(
+            place=tuple(node.get_double_value() for node in self._place),
+            throttle=self._throttle[0].get_double_value(),
+            spools=tuple(node.get_double_value() for node in self._engine),
+            effectiveness=tuple(node.get_double_value() for node in self._effectiveness),
+            bias=tuple(node.get_double_value() for node in self._bias),
+        )
+
+    def surround(self, surroundings: Surroundings) -> None:
+        """Take over the surroundings; the next `put` uses them."""
+        for nodes, values in (
+            (self._ic_place, surroundings.place),
+            (self._throttle, (surroundings.throttle,)),
+            (self._engine, surroundings.spools),
+            (self._effectiveness, surroundings.effectiveness),
+            (self._bias, surroundings.bias),
+        ):
+            for node, value in zip(nodes, values, strict=True):
+                node.set_double_value(value)
+
+    def put(self, x: Sequence[float], delta: Sequence[float]) -> None:
+        """Set states (9,) [m/s, rad/s, rad] and effector commands (7,) [rad], and compute the forces there.
+
+        The actuators are where they are told to be: JSBSim lets them pass their commands while it trims.
+        """
+        u, v, w, p, q, r, phi, theta, psi = x
+        values = (phi, theta, math.fmod(psi, 2.0 * math.pi), u / FOOT, v / FOOT, w / FOOT, p, q, r)
+        for node, value in zip(self._ic_state, values, strict=True):
+            node.set_double_value(value)
+        self.command(delta)
+        self._fdm.set_trim_status(True)
+        self._initialise()
+        self._fdm.set_trim_status(False)
+
+    def command(self, delta: Sequence[float]) -> None:
+        """Set the effector commands (7,) [rad]."""
+        for node, value in zip(self._commands, delta, strict=True):
+            node.set_double_value(value)
+
+    def state(self) -> Array:
+        """States (9,) [m/s, rad/s, rad]; Psi in 0..2 pi."""
+        return np.array([node.get_double_value() for node in self._x]) * _SI
+
+    def heading(self) -> float:
+        """Psi in 0..2 pi [rad]."""
+        return float(self._x[8].get_double_value())
+
+    def derivative(self) -> Array:
+        """Time derivatives of the states (9,) [m/s^2, rad/s^2, rad/s]."""
+        return np.array([node.get_double_value() for node in self._xdot]) * _SI
+
+    def positions(self) -> Array:
+        """Positions of the surfaces (7,) in the order of `SURFACES` [rad]."""
+        return np.array([node.get_double_value() for node in self._positions])
+
+    def set_damage(self, surface: int, effectiveness: float, bias: float) -> None:
+        """Damage one surface: what is left of its effect [1], added deflection [rad]."""
+        self._effectiveness[surface].set_double_value(effectiveness)
+        self._bias[surface].set_double_value(bias)
