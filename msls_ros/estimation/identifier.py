@@ -1,0 +1,280 @@
+"""The identifier: samples in, linear model with error bars, fault events and dither out.
+
+One object serves flight and desk: the node calls `Identifier.update` per sample, offline tools call `Identifier.run` on arrays, and
+both go through the same compiled loop (`rows.advance`). What comes out is a function of the configuration and the sample sequence
+alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation import configuration as _configuration
+from msls_ros.estimation import rows as _rows
+from msls_ros.estimation.compiled import warn_if_interpreted
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.dither import Dither, DitherLaw, Level
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
+from msls_ros.estimation.kernel import Array, make_work
+from msls_ros.estimation.kinematics import build_regression, known_terms
+from msls_ros.estimation.uncertainty import residual_deviation, standard_errors
+
+PRIOR_MSLS = 1e4
+PRIOR_RLS = 1e8
+
+
+class Identifier:
+    """Recursive identification of ``xdot = A x + B delta + bias`` with change detection and dither.
+
+    Parameters
+    ----------
+    configuration
+        All parameters; see `Configuration`.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        """Allocate everything; see the class."""
+        self.configuration = configuration
+        c = configuration
+        self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
+        known = {s: c.rows.index(s) if c.known_gravity and s in c.rows else -1 for s in "uvw"}
+        self._forces = np.array([known[s] for s in "uvw"], np.int64)
+        self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
+        self._settings = _settings(c)
+        self._state = _rows.make_state(self._settings, len(c.rows))
+        self._work = make_work(len(c.regressors), len(self._settings.colours))
+        self._w0 = np.zeros(len(c.regressors))
+        self._law = DitherLaw(c)
+        self._enabled = True
+        warn_if_interpreted(len(c.regressors), len(c.rows))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: estimates, factor, detector, dither sequence."""
+        _rows.clear(self._settings, self._state)
+        self._law.reset()
+        self._events: list[FaultEvent] = []
+        self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
+        self.alarms = 0
+
+    def configure(self, changes: Mapping[str, Any]) -> None:
+        """Change parameters in flight, by their full names; what has been learnt stays.
+
+        Raises
+        ------
+        EstimationError
+            For a value that is refused, or a parameter that cannot change in flight; nothing has changed then.
+        """
+        bounds = {name: b for name, _, b in _configuration.items(self.configuration)}
+        current = _configuration.as_mapping(self.configuration)
+        for name, value in changes.items():
+            if name in bounds and not bounds[name].in_flight and value != current[name]:
+                message = f"parameter '{name}' cannot change while the estimator runs; set it before the start"
+                raise EstimationError(message)
+        self.configuration = self.configuration.replace(changes)
+        self._settings = _settings(self.configuration)
+        self._law.configure(self.configuration)
+
+    def update(self, time: float, x: Array, xdot: Array, delta: Array) -> Estimate:
+        """Take one sample.
+
+        Parameters
+        ----------
+        time
+            Of the sample [s], later than the last.
+        x, xdot
+            (n,) states and their derivatives [m/s, rad/s, rad; per second].
+        delta
+            (m,) measured deflections [rad].
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes or numbers that are not finite; nothing has changed then.
+        """
+        self._take(np.array([time]), _two(x), _two(xdot), _two(delta))
+        return self.estimate(time, np.asarray(x, float))
+
+    def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> list[Estimate]:
+        """Take many samples; return the estimate after every ``every``-th one since the last reset, and after each alarm.
+
+        Parameters
+        ----------
+        time
+            (k,) [s].
+        x, xdot, delta
+            (k, n), (k, n), (k, m).
+        every
+            Samples per estimate.
+
+        Raises
+        ------
+        EstimationError
+            As `update`.
+        """
+        estimates = []
+        start = 0
+        while start < len(time):
+            due = every - int(self._state.samples[0]) % every
+            stop = min(start + due, len(time))
+            self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
+            if self._state.samples[0] % every == 0 or self._events:
+                estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
+            start = stop
+        return estimates
+
+    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
+        """Check the samples, then put them through the compiled loop and the dither law."""
+        c = self.configuration
+        self._check(time, x, xdot, delta)
+        count, r = len(time), len(c.rows)
+        phi, y = np.empty((count, len(c.regressors))), np.empty((count, r))
+        build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
+        done = 0
+        while done < count:
+            out = _rows.make_output(count - done, r)
+            taken = _rows.advance(
+                self._settings, self._state, phi[done:], y[done:], self._law.weights, self._work, self._w0, out
+            )
+            for k in range(taken):
+                alarm = k == taken - 1 and bool(out.alarm[k].any())
+                self._dither = self._law.command(
+                    float(time[done + k]), out.effect[k], float(out.excitation[k]), alarm, delta[done + k]
+                )
+                if alarm:
+                    self._alarm(float(time[done + k]), out.statistic[k], out.alarm[k])
+            self._error, self._statistic = out.e[taken - 1], out.statistic[taken - 1]
+            done += taken
+
+    def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
+        n, m = len(self.configuration.states), len(self.configuration.effectors)
+        for name, array, width in (("x", x, n), ("xdot", xdot, n), ("delta", delta, m)):
+            if array.shape != (len(time), width):
+                message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
+                raise EstimationError(message)
+            if not np.isfinite(array).all():
+                message = f"{name} holds a number that is not finite; expected finite numbers"
+                raise EstimationError(message)
+
+    def _alarm(self, time: float, statistic: Array, alarm: _rows.Integers) -> None:
+        self.alarms += 1
+        offset = _offset(self.configuration)
+        found = [q for q in range(len(alarm)) if alarm[q]]
+        names = tuple(self.configuration.rows[q] for q in found)
+        threshold = self.configuration.detector.threshold
+        text = f"abrupt change in {', '.join(f'd{n}/dt' for n in names)}: the prediction error jumped at {time:.3f} s"
+        self._events.append(
+            FaultEvent(
+                time,
+                EventKind.DETECTED,
+                names,
+                tuple(float(statistic[q]) - offset for q in found),
+                (threshold,) * len(found),
+                description=text,
+            )
+        )
+
+    def estimate(self, time: float, x: Array) -> Estimate:
+        """Return the model as it stands, its known part taken at ``x`` (n,); hands over the events since the last call."""
+        c, s = self.configuration, self._state
+        n, m, r = len(c.states), len(c.effectors), len(c.rows)
+        a, bias, a_known = known_terms(c.states, x) if c.known_gravity else _nothing_known(n)
+        b, b_std = np.zeros((n, m)), np.zeros((n, m))
+        a_std, a_reliable = np.zeros((n, n)), a_known.copy()
+        b_reliable = np.ones((n, m), np.bool_)
+        residual, forgetting = np.full(n, math.nan), np.full(n, math.nan)
+        for q, row in enumerate(self._kept):
+            theta, error = s.theta[q], standard_errors(s, q)
+            reliable = self._reliable(theta, error, s.rho[s.group[q]])
+            a[row, self._kept] += theta[:r]
+            a_std[row, self._kept], a_reliable[row, self._kept] = error[:r], reliable[:r]
+            b[row], b_std[row], b_reliable[row] = theta[r : r + m], error[r : r + m], reliable[r : r + m]
+            bias[row] += theta[r + m]
+            residual[row] = residual_deviation(s, q)
+            forgetting[row] = self._settings.forgetting
+        events, self._events = tuple(self._events), []
+        return Estimate(
+            time=time,
+            states=c.states,
+            effectors=c.effectors,
+            a=a,
+            b=b,
+            bias=bias,
+            a_std=a_std,
+            b_std=b_std,
+            a_known=a_known,
+            a_reliable=a_reliable,
+            b_reliable=b_reliable,
+            regressors=c.regressors,
+            excitation=s.rho[np.unique(s.group)].min(axis=0),
+            residual_std=residual,
+            forgetting_factor=forgetting,
+            samples=int(s.samples[0]),
+            prediction_error=self._error.copy(),
+            statistic=np.where(self._statistic > 0.0, self._statistic - _offset(c), 0.0),
+            events=events,
+            dither=self._dither,
+        )
+
+    def _reliable(self, theta: Array, error: Array, excitation: Array) -> Array:
+        """Excited enough, and a standard error small enough for the size of the estimate."""
+        p = self.configuration.reliability
+        allowed = np.maximum(p.relative_error * np.abs(theta), p.tolerance / self._settings.scale)
+        flags: Array = (excitation >= p.excitation) & (error <= allowed)
+        return flags
+
+
+def _two(array: Array) -> Array:
+    return np.asarray(array, dtype=np.float64).reshape(1, -1)
+
+
+def _nothing_known(n: int) -> tuple[Array, Array, Any]:
+    return np.zeros((n, n)), np.zeros(n), np.zeros((n, n), np.bool_)
+
+
+def _offset(c: Configuration) -> float:
+    """What the loop's short/long exceeds the published statistic by: eq 19 subtracts the mean."""
+    return 0.0 if c.detector.mode == "ratio" else 1.0
+
+
+def _settings(c: Configuration) -> _rows.Settings:
+    """Translate the parameters into what the compiled loop takes."""
+    e, d, p = c.estimator, c.detector, len(c.regressors)
+    rls = e.method == "rls"
+    penalty = np.full(p, e.penalty) * np.array(e.penalty_factors or (1.0,) * p)
+    if e.penalty_constant > 0.0:
+        penalty[p - 1] = e.penalty_constant
+    forgetting = c.forgetting
+    merge = math.ceil(math.log(c.recovery.rejoin_tolerance) / math.log(forgetting)) if forgetting < 1.0 else -1
+    return _rows.Settings(
+        rls=rls,
+        retained=e.penalty_retained,
+        forgetting=forgetting,
+        penalty=penalty,
+        scale=np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors]),
+        auto_scale=e.scale == "auto",
+        rms_memory=e.rms_memory,
+        colours=np.array(_rows.COLOURS if c.reliability.coloured else _rows.COLOURS[:1]),
+        residual_forgetting=1.0 - 1.0 / c.reliability.residual_memory,
+        colour_forgetting=1.0 - 1.0 / c.reliability.colour_memory,
+        prior=PRIOR_RLS if rls else PRIOR_MSLS,
+        detect=d.mode != "off" and not rls,
+        normalised=d.mode == "normalised",
+        window=d.window,
+        short=d.short if d.mode == "ratio" else 1,
+        threshold=d.threshold + _offset(c),
+        floor_absolute=np.array(d.floor_absolute or (0.0,) * len(c.rows)),
+        floor_relative=d.floor_relative,
+        floor_model=d.floor_model,
+        hold_off=d.hold_off,
+        recovery_penalty=c.recovery.penalty_factor,
+        recovery_forgetting=c.recovery.forgetting_factor or forgetting,
+        merge_after=merge,
+        effectors_from=len(c.rows),
+        effectors_to=len(c.rows) + len(c.effectors),
+    )

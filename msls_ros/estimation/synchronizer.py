@@ -1,0 +1,190 @@
+"""Pairs states and deflections by stamp, and refuses what cannot be used: one gate for live data, bags and tests.
+
+A state sample and an effector sample of one stamp make one sample. What is refused is counted by reason; nothing is dropped
+silently. Stamps are whole nanoseconds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+PENDING = 64
+"""Unpaired samples kept per stream before the oldest is given up."""
+
+
+@dataclass(frozen=True)
+class PairedSample:
+    """States, derivatives and deflections of one instant."""
+
+    stamp: int
+    """[ns]"""
+    x: Array
+    xdot: Array
+    delta: Array
+    restarted: bool
+    """Time jumped back before this sample: start anew."""
+
+    @property
+    def time(self) -> float:
+        """Time of the sample [s]."""
+        return self.stamp * 1e-9
+
+
+class Refused(ValueError):
+    """A message was refused: ``reason`` is the word it is counted under, the text says what was found and expected."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        """Take the word and the sentence."""
+        super().__init__(text)
+        self.reason = reason
+
+
+class Synchronizer:
+    """Pair the two input streams; `add_state` and `add_effectors` return a sample when it is complete.
+
+    Parameters
+    ----------
+    states, effectors
+        Names in the order that the identifier wants. Messages may carry them in another order, and more of them.
+    time_jump
+        A step back in time larger than this [s] starts anew; a smaller one is refused.
+    """
+
+    def __init__(self, states: Sequence[str], effectors: Sequence[str], time_jump: float = 1.0) -> None:
+        """Start with nothing pending; see the class."""
+        self._names = {"state": tuple(states), "effector": tuple(effectors)}
+        self._orders: dict[tuple[str, tuple[str, ...]], NDArray[np.intp]] = {}
+        self._jump = round(time_jump * 1e9)
+        self.refused: Counter[str] = Counter()
+        """Messages refused, by reason."""
+        self.paired = 0
+        """Samples made."""
+        self.restarts = 0
+        """Jumps back in time."""
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget what is pending and the last stamps; the counts stay."""
+        self._pending: dict[str, dict[int, tuple[Array, ...]]] = {"state": {}, "effector": {}}
+        self._last: dict[str, int | None] = {"state": None, "effector": None}
+        self._restarted = False
+
+    def add_state(
+        self, stamp: int, names: Sequence[str], x: Sequence[float], xdot: Sequence[float]
+    ) -> PairedSample | None:
+        """Take a state sample.
+
+        Parameters
+        ----------
+        stamp
+            [ns]
+        names, x, xdot
+            Of equal length.
+
+        Returns
+        -------
+        PairedSample or None
+            The sample that this message completes.
+
+        Raises
+        ------
+        Refused
+            The message cannot be used; it has been counted.
+        """
+        if len(xdot) == 0 and len(x) > 0:
+            raise self.refuse("xdot_missing", "state sample without xdot: the derivatives are needed")
+        return self._add("state", stamp, names, {"x": x, "xdot": xdot})
+
+    def add_effectors(self, stamp: int, names: Sequence[str], delta: Sequence[float]) -> PairedSample | None:
+        """Take an effector sample; as `add_state`."""
+        return self._add("effector", stamp, names, {"delta": delta})
+
+    def refuse(self, reason: str, text: str) -> Refused:
+        """Count a refusal and return it, to be raised; also for what is found outside of this class."""
+        self.refused[reason] += 1
+        return Refused(reason, text)
+
+    def _add(
+        self, kind: str, stamp: int, names: Sequence[str], fields: dict[str, Sequence[float]]
+    ) -> PairedSample | None:
+        order = self._order(kind, tuple(names))
+        arrays = []
+        for field, values in fields.items():
+            array = np.asarray(values, dtype=np.float64)
+            if array.shape != (len(names),):
+                text = f"{kind} sample: {field} has {array.size} values; expected one per name, {len(names)}"
+                raise self.refuse("length", text)
+            array = array[order]
+            if not all(map(math.isfinite, array.tolist())):
+                bad = next(i for i, v in enumerate(array.tolist()) if not math.isfinite(v))
+                text = f"{kind} sample: {field} of {self._names[kind][bad]} is {array[bad]}; expected a finite number"
+                raise self.refuse("not_finite", text)
+            arrays.append(array)
+        self._check_stamp(kind, stamp)
+        self._pending[kind][stamp] = tuple(arrays)
+        return self._pair(stamp, kind)
+
+    def _order(self, kind: str, names: tuple[str, ...]) -> NDArray[np.intp]:
+        """Return where our names stand among the message's; remembered per layout."""
+        order = self._orders.get((kind, names))
+        if order is None:
+            missing = [n for n in self._names[kind] if n not in names]
+            if missing or len(set(names)) != len(names):
+                what = (
+                    f"no '{missing[0]}' among the names {list(names)}"
+                    if missing
+                    else f"repeated names in {list(names)}"
+                )
+                raise self.refuse("names", f"{kind} sample: {what}; expected {list(self._names[kind])}")
+            order = np.array([names.index(n) for n in self._names[kind]], dtype=np.intp)
+            if len(self._orders) < PENDING:
+                self._orders[(kind, names)] = order
+        return order
+
+    def _check_stamp(self, kind: str, stamp: int) -> None:
+        """Refuse stamps that repeat or go back a little; start anew where they jump back."""
+        last = self._last[kind]
+        if last is not None and stamp <= last:
+            if last - stamp > self._jump:
+                self._restart()
+            else:
+                word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
+                text = (
+                    f"{kind} sample: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s); expected a later one"
+                )
+                raise self.refuse(word, text)
+        self._last[kind] = stamp
+
+    def _restart(self) -> None:
+        """Forget the time before the jump, in both streams."""
+        self.clear()
+        self._restarted = True
+        self.restarts += 1
+
+    def _pair(self, stamp: int, kind: str) -> PairedSample | None:
+        states, effectors = self._pending["state"], self._pending["effector"]
+        if stamp in states and stamp in effectors:
+            x, xdot = states.pop(stamp)
+            (delta,) = effectors.pop(stamp)
+            self._give_up(stamp)
+            self.paired += 1
+            restarted, self._restarted = self._restarted, False
+            return PairedSample(stamp, x, xdot, delta, restarted)
+        if len(self._pending[kind]) > PENDING:
+            self._give_up(next(iter(self._pending[kind])) + 1)
+        return None
+
+    def _give_up(self, before: int) -> None:
+        """Count and drop what is older and can no longer be paired."""
+        for kind, pending in self._pending.items():
+            for stamp in [s for s in pending if s < before]:
+                del pending[stamp]
+                self.refused[f"{kind}_unpaired"] += 1
