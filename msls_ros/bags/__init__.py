@@ -6,7 +6,9 @@ from msls_ros.bags.definitions import Definition, Definitions, typestore
 from msls_ros.bags.errors import BagError
 from msls_ros.bags.metadata import Qos
 from msls_ros.bags.reader import BagReader, read
-from msls_ros.bags.storage import BagMessage, Summary
+from msls_ros.bags.repair import Repair, repair
+from msls_ros.bags.samples import Sample, SampleDecoder
+from msls_ros.bags.storage import BagMessage, Summary, Topic
 from msls_ros.bags.writer import BagWriter
 
 __all__ = [
@@ -17,7 +19,12 @@ __all__ = [
     "Definition",
     "Definitions",
     "Qos",
+    "Repair",
+    "Sample",
+    "SampleDecoder",
     "Summary",
+    "Topic",
     "read",
+    "repair",
     "typestore",
 ]

@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.bags.decoding import TypeDecoders
+from msls_ros.bags.definitions import Definition
 from msls_ros.bags.errors import BagError
 from msls_ros.bags.metadata import bag_files
 from msls_ros.bags.open_storage import open_storage
@@ -156,6 +157,54 @@ class BagReader:
         """
         for message in self:
             yield message, self.decode(message)
+
+    def describe(self, topic: str) -> Topic:
+        """Give what the bag says of a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Name.
+
+        Returns
+        -------
+        Topic
+            Type, definition and offered QoS.
+
+        Raises
+        ------
+        BagError
+            There is no such topic, as far as the bag has been read.
+        """
+        if topic not in self._topics:
+            msg = f"{self.path}: no topic {topic}; it has {', '.join(sorted(self._topics)) or 'none'}"
+            raise BagError(msg)
+        return self._topics[topic]
+
+    def definition(self, topic: str) -> Definition:
+        """Give the definition to write into another bag for the messages of a topic.
+
+        Parameters
+        ----------
+        topic : str
+            Name.
+
+        Returns
+        -------
+        Definition
+            For `BagWriter.add_topic`.
+
+        Raises
+        ------
+        BagError
+            There is no such topic, or no definition of its type.
+        """
+        described = self.describe(topic)
+        try:
+            return self._decoders.definition(described)
+        except BagError as error:
+            msg = f"{self.path}: topic {topic}: {error}"
+            raise BagError(msg) from error
 
     def _is_wanted(self, topic: str) -> bool:
         return self._wanted is None or topic in self._wanted

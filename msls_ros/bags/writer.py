@@ -302,7 +302,6 @@ class BagWriter:
             raise _unwritable(self.file, error) from error
 
 
-
 def remove_bag(path: Path) -> None:
     """Delete a bag directory.
 
