@@ -55,9 +55,7 @@ class Aircraft:
         self.rate = rate
         self._steps = 0
         self._model = Model(condition, rate)
-        self._model.surround(
-            Surroundings(self.trim.place, self.trim.throttle, self.trim.spools, (1.0,) * 7, (0.0,) * 7)
-        )
+        self._model.surround(Surroundings(self.trim.place, self.trim.throttle, (1.0,) * 7, (0.0,) * 7))
         self._model.put(self.trim.x.tolist(), self.trim.delta.tolist())
         self._psi = float(self.trim.x[_PSI])
         self._twin: Twin | None = None
@@ -98,7 +96,7 @@ class Aircraft:
         return Sample(self.time, x, self._model.derivative(), delta)
 
     def damage(self, surface_or_effector: str, effectiveness: float, bias: float = 0.0) -> str:
-        """Damage a surface, or all surfaces of an effector, from now on.
+        """Damage a surface, or all surfaces of an effector, from the next step on.
 
         Parameters
         ----------
@@ -137,12 +135,12 @@ class Aircraft:
             if surface_or_effector in EFFECTORS:
                 share = float(_SHARES[surface, EFFECTORS.index(surface_or_effector)])
             self._model.set_damage(surface, float(effectiveness), share * float(bias))
-        left = "intact" if effectiveness == 1.0 else "lost" if effectiveness == 0.0 else f"{effectiveness:.0%} effective"
+        left = {1.0: "intact", 0.0: "lost"}.get(float(effectiveness), f"{effectiveness:.0%} effective")
         added = f", with {bias:+.4f} rad added" if bias else ""
         return f"{' and '.join(names)} {left}{added}, from {self.time:.2f} s"
 
     def truth(self) -> LinearTruth:
-        """The true linear model at the present instant, damage included; the flight is not disturbed."""
+        """Linearise the equations of motion at the present instant, damage included; the flight is not disturbed."""
         return self._get_twin().tangent(self.sample(), self._model.surroundings())
 
     def twin_derivative(self) -> npt.NDArray[np.float64]:

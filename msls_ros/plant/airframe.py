@@ -6,14 +6,16 @@ Nothing of the bundled aircraft is stored in this package. What is done to it, a
   whose override does not bypass the rudder); `data/controls.xml` replaces them: seven effectors, actuators, damage;
 - aileron and rudder coefficients are per full deflection (20 and 30 deg) but were multiplied by radians: the controls
   feed them deflection / 0.349 and deflection / 0.5236;
-- lift against stabilator has the wrong sign (the moment is right): the columns of that table are mirrored;
+- lift against stabilator has the wrong sign (the moment is right): the columns of that table are mirrored. With the
+  sign left wrong the high-alpha trim is a 1.6 deg steeper descent at 0.05 less throttle;
 - the stabilators have no differential aerodynamics: `data/differential_tail.xml` adds an estimate;
 - the leading-edge flap switches between three positions at thresholds of alpha: here it is fixed per condition;
 - the trailing-edge flaps cancelled out of their own coefficient: here the symmetric flap feeds it directly;
 - the aerodynamic tables span -10 to 45 deg of alpha and +-30 deg of beta and hold their end values outside.
 
-Thrust vectoring turns the engine's thrust at the nozzle, 16 ft aft of the centre of mass. A lost surface is one that
-no longer makes force when deflected; its drag and weight stay. The fuel does not burn down.
+A ballast, if any, sits at the centre of mass and adds no inertia. Thrust vectoring turns the engine's thrust at the
+nozzle, 16 ft aft of the centre of mass. A lost surface is one that no longer makes force when deflected; its drag and
+weight stay. The fuel does not burn down, the throttle does not move, and there is no wind.
 """
 
 from __future__ import annotations
@@ -168,10 +170,9 @@ def _controls_xml(ideal: bool) -> str:
 
 
 def _surface_actuator(controls: ET.Element, surface: str) -> Actuator:
-    element = _required(controls.find(f".//actuator[@name='fcs/{surface}-pos-rad']"), f"actuator for {surface}")
-    lag, rate, low, high = (
-        float(_required(element.find(tag), tag).text or "nan") for tag in ("lag", "rate_limit", "clipto/min", "clipto/max")
-    )
+    element = _required(controls.find(f".//actuator[@name='surfaces/{surface}-pos-rad']"), f"actuator for {surface}")
+    tags = ("lag", "rate_limit", "clipto/min", "clipto/max")
+    lag, rate, low, high = (float(_required(element.find(tag), tag).text or "nan") for tag in tags)
     return Actuator(bandwidth=lag, rate_limit=rate, low=low, high=high)
 
 
@@ -226,4 +227,3 @@ def load(ballast: float, rate: int, *, ideal: bool = False) -> jsbsim.FGFDMExec:
         raise PlantError(message)
     fdm.disable_output()
     return fdm
-

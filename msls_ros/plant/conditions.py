@@ -26,7 +26,7 @@ class FlightCondition:
     alpha : float or None
         Angle of attack [rad]; the flight path then follows from the trim. None: level flight, alpha follows.
     ballast : float
-        Mass added at the centre of mass [kg]; without it this condition has no steady flight, lift exceeding weight.
+        Mass added at the centre of mass [kg]: at high alpha the bundled aircraft alone is too light to fly steadily.
     leading_edge_flap : float
         Fixed deflection [rad]; the bundled aircraft switches it on and off.
     description : str

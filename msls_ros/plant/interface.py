@@ -141,8 +141,8 @@ def actuator_gain(rate_hz: float, bandwidth: float = 20.0) -> float:
     Returns
     -------
     float
-        ``sqrt((1 - p) / (1 + p))`` with ``p = exp(-bandwidth / rate_hz)``: at the instants of the commands, within the
-        rate limit.
+        ``sqrt((1 - p) / (1 + p))`` with ``p = exp(-bandwidth / rate_hz)``, at the instants of the commands and within
+        the rate limit. JSBSim's discrete actuator at 100 Hz realises 5 % less.
 
     Raises
     ------

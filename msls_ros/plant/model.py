@@ -35,14 +35,12 @@ _XDOT = (
     "velocities/thetadot-rad_sec",
     "velocities/psidot-rad_sec",
 )
-_ENGINE = ("propulsion/engine/n1", "propulsion/engine/n2")
 _PLACE = ("position/h-sl-ft", "position/lat-geod-rad")
 _IC_PLACE = ("ic/h-sl-ft", "ic/lat-geod-rad")
 _IC_ATTITUDE = ("ic/phi-rad", "ic/theta-rad", "ic/psi-true-rad")
 _IC_VELOCITY = ("ic/u-fps", "ic/v-fps", "ic/w-fps")
 _IC_RATES = ("ic/p-rad_sec", "ic/q-rad_sec", "ic/r-rad_sec")
 _SI = np.array([FOOT, FOOT, FOOT, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
-_THROTTLE_TO_POSITION = 2.0
 
 
 @dataclass(frozen=True)
@@ -54,16 +52,13 @@ class Surroundings:
     place : tuple of float
         Altitude [ft] and geodetic latitude [rad].
     throttle : float
-        Throttle command [1]; 0.5 is full dry thrust, above it the afterburner works.
-    spools : tuple of float
-        Engine speeds n1, n2 [%].
+        Throttle command [1]; 0.5 is full dry thrust, above it the afterburner works. The engine has settled at it.
     effectiveness, bias : tuple of float
         Damage by surface: what is left [1], added deflection [rad].
     """
 
     place: tuple[float, ...]
     throttle: float
-    spools: tuple[float, ...]
     effectiveness: tuple[float, ...]
     bias: tuple[float, ...]
 
@@ -86,12 +81,11 @@ class Model:
         self._manager = self._fdm.get_property_manager()
         self._x = self._nodes(_X)
         self._xdot = self._nodes(_XDOT)
-        self._positions = self._nodes([f"fcs/{name}-pos-rad" for name in SURFACES])
+        self._positions = self._nodes([f"surfaces/{name}-pos-rad" for name in SURFACES])
         self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in EFFECTORS])
         self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in SURFACES])
         self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
-        self._engine = self._nodes(_ENGINE)
         self._place = self._nodes(_PLACE)
         self._ic_place = self._nodes(_IC_PLACE)
         self._ic_state = self._nodes((*_IC_ATTITUDE, *_IC_VELOCITY, *_IC_RATES))
@@ -99,12 +93,14 @@ class Model:
         self._start(condition)
 
     def _nodes(self, paths: Sequence[str]) -> tuple[airframe.Node, ...]:
-        nodes = tuple(self._manager.get_node(path) for path in paths)
-        missing = [path for path, node in zip(paths, nodes, strict=True) if node is None]
-        if missing:
-            message = f"JSBSim has no property {missing[0]}: expected the F-16 and JSBSim 1.3"
+        return tuple(self._node(path) for path in paths)
+
+    def _node(self, path: str) -> airframe.Node:
+        node = self._manager.get_node(path)
+        if node is None:
+            message = f"JSBSim has no property {path}: expected the F-16 and JSBSim 1.3"
             raise PlantError(message)
-        return nodes
+        return node
 
     def _start(self, condition: FlightCondition) -> None:
         self._fdm.set_property_value("fcs/lef-pos-rad", condition.leading_edge_flap)
@@ -112,13 +108,7 @@ class Model:
         self._ic_place[0].set_double_value(condition.altitude / FOOT)
         self._ic_state[3].set_double_value(500.0)
         self._initialise()
-        spools = []
-        for throttle in (0.0, 1.0 / _THROTTLE_TO_POSITION):
-            self._throttle[0].set_double_value(throttle)
-            self._initialise()
-            self._fdm.set_property_value("propulsion/set-running", -1)
-            spools.append([node.get_double_value() for node in self._engine])
-        self._idle, self._full = spools
+        self._fdm.set_property_value("propulsion/set-running", -1)
 
     def _initialise(self) -> None:
         if not self._fdm.run_ic():
@@ -129,17 +119,11 @@ class Model:
         """Speed of sound where the model is [m/s]."""
         return float(self._fdm.get_property_value("atmosphere/a-fps")) * FOOT
 
-    def steady_spools(self, throttle: float) -> tuple[float, ...]:
-        """Engine speeds n1, n2 [%] that a throttle command settles at."""
-        position = min(max(_THROTTLE_TO_POSITION * throttle, 0.0), 1.0)
-        return tuple(a + position * (b - a) for a, b in zip(self._idle, self._full, strict=True))
-
     def surroundings(self) -> Surroundings:
-        """What the accelerations depend on now, besides states and effectors."""
+        """Return what the accelerations depend on now, besides states and effectors."""
         return Surroundings(
             place=tuple(node.get_double_value() for node in self._place),
             throttle=self._throttle[0].get_double_value(),
-            spools=tuple(node.get_double_value() for node in self._engine),
             effectiveness=tuple(node.get_double_value() for node in self._effectiveness),
             bias=tuple(node.get_double_value() for node in self._bias),
         )
@@ -149,7 +133,6 @@ class Model:
         for nodes, values in (
             (self._ic_place, surroundings.place),
             (self._throttle, (surroundings.throttle,)),
-            (self._engine, surroundings.spools),
             (self._effectiveness, surroundings.effectiveness),
             (self._bias, surroundings.bias),
         ):
@@ -177,7 +160,8 @@ class Model:
 
     def state(self) -> Array:
         """States (9,) [m/s, rad/s, rad]; Psi in 0..2 pi."""
-        return np.array([node.get_double_value() for node in self._x]) * _SI
+        values: Array = np.array([node.get_double_value() for node in self._x]) * _SI
+        return values
 
     def heading(self) -> float:
         """Psi in 0..2 pi [rad]."""
@@ -185,7 +169,8 @@ class Model:
 
     def derivative(self) -> Array:
         """Time derivatives of the states (9,) [m/s^2, rad/s^2, rad/s]."""
-        return np.array([node.get_double_value() for node in self._xdot]) * _SI
+        values: Array = np.array([node.get_double_value() for node in self._xdot]) * _SI
+        return values
 
     def positions(self) -> Array:
         """Positions of the surfaces (7,) in the order of `SURFACES` [rad]."""

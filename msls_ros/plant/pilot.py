@@ -8,9 +8,10 @@ correction over rudder, differential tail, differential flap and yaw vectoring::
     rs = (g / V) sin(Phi) cos(Theta)
     [dr ddt ddf dtr] += -K [beta, P - (ps cos a - rs sin a), R - (ps sin a + rs cos a)]
 
-The gains belong to the high-alpha condition. `k` scales them, and the price of deflection in the lateral gain, by the
-control power found in the truth at trim, so that every condition gets the same closed-loop pitch acceleration. When the
-manoeuvre leaves the roll stick alone, the wings are levelled slowly: long flights do not wander off.
+The numbers belong to the high-alpha condition, where k = 1. Elsewhere `k`, and the price of deflection behind K, follow
+from the control power found in the truth at trim, such that the angular acceleration asked for an error is that of the
+high-alpha condition times the airspeed over the one there. When the manoeuvre leaves the roll stick alone, the wings
+are levelled slowly: long flights do not wander off.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ _Q = np.diag([4.0, 1.0, 1.5])
 _R = np.diag([6.0, 4.0, 4.0, 3.0])
 _PITCH_POWER = 3.48
 _ROLL_POWER = 1.548
+_AIRSPEED = 72.7
 _ALPHA_GAIN, _RATE_GAIN, _INTEGRAL_GAIN = 0.7, 0.7, 0.35
 _INTEGRAL_LIMIT = 0.5
 _LEVELLING_GAIN = 0.3
@@ -92,14 +94,15 @@ class Pilot:
         self._manoeuvre = manoeuvre
         b = truth_at_trim.b
         pitch = STATES.index("Q")
+        quicker = trim.airspeed / _AIRSPEED
         power = 0.5 * b[pitch, EFFECTORS.index("de")] + b[pitch, EFFECTORS.index("dte")]
-        self._pitch_scale = -_PITCH_POWER / float(power)
-        roll = abs(float(b[STATES.index("P"), EFFECTORS.index("ddt")])) / _ROLL_POWER
+        self._pitch_scale = -quicker * _PITCH_POWER / float(power)
+        price = (float(b[STATES.index("P"), EFFECTORS.index("ddt")]) / _ROLL_POWER / quicker) ** 2
         scale = np.array([1.0 / trim.airspeed, 1.0, 1.0])
         rows = list(_LATERAL_STATES)
         a3 = truth_at_trim.a[np.ix_(rows, rows)] * scale[:, None] / scale
         b3 = b[np.ix_(rows, list(_LATERAL_EFFECTORS))] * scale[:, None]
-        self._lateral_gain = riccati_gain(a3, b3, _Q, _R * roll**2)
+        self._lateral_gain = riccati_gain(a3, b3, _Q, _R * price)
         self._integral = 0.0
         self._time: float | None = None
 

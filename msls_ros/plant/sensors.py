@@ -47,7 +47,7 @@ class NoiseLevel:
     deflection: float
 
     def sigma(self) -> Array:
-        """Standard deviations of x, xdot and delta, one after the other (25,)."""
+        """Return the standard deviations of x, xdot and delta, one after the other (25,)."""
         x = [self.velocity] * 3 + [self.rate] * 3 + [self.attitude] * 3
         xdot = [self.acceleration] * 3 + [self.angular_acceleration] * 3 + [self.rate] * 3
         return np.array(x + xdot + [self.deflection] * len(EFFECTORS))
@@ -105,7 +105,7 @@ class Sensors:
         self._random = np.random.default_rng([_STREAM, seed])
 
     def measure(self, sample: Sample) -> Sample:
-        """The sample as measured: each value with fresh noise."""
+        """Return the sample as measured: each value with fresh noise."""
         if self._silent:
             return sample
         noise = self._random.standard_normal(self._sigma.size) * self._sigma

@@ -9,6 +9,7 @@ from functools import cache
 
 import numpy as np
 
+from msls_ros.plant.airframe import ACTUATORS
 from msls_ros.plant.conditions import FlightCondition
 from msls_ros.plant.interface import Array, PlantError
 from msls_ros.plant.model import FOOT, Model, Surroundings
@@ -16,9 +17,10 @@ from msls_ros.plant.model import FOOT, Model, Surroundings
 NOZZLE_SHARE = 0.5
 """Thrust-vector pitch per symmetric-tail deflection in trim [1]."""
 
-_UNKNOWN_SCALE = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1])
+_UNKNOWN_SCALE = 0.1
 _STEP = 1e-5
 _TOLERANCE = 1e-9
+_ACCEPTED = 1e-6
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,6 @@ class Trim:
         Effector deflections [rad].
     throttle : float
         Throttle command [1]; 0.5 is full dry thrust.
-    spools : tuple of float
-        Engine speeds n1, n2 [%].
     place : tuple of float
         Altitude [ft] and geodetic latitude [rad].
     flight_path_angle : float
@@ -49,7 +49,6 @@ class Trim:
     x: Array
     delta: Array
     throttle: float
-    spools: tuple[float, ...]
     place: tuple[float, float]
     flight_path_angle: float
     residual: float
@@ -109,7 +108,7 @@ def gauss_newton(function: Callable[[Array], Array], start: Array, *, tolerance:
 
 @cache
 def find_trim(condition: FlightCondition) -> Trim:
-    """Find the steady, unbanked-turn-free flight of a condition.
+    """Find the steady straight flight of a condition.
 
     The unknowns are pitch attitude and flight path (or alpha, in level flight), throttle, symmetric tail (the nozzle
     follows with half of it), and the small bank, differential flap and rudder that the turning earth asks for.
@@ -129,30 +128,43 @@ def find_trim(condition: FlightCondition) -> Trim:
     PlantError
         If the aircraft cannot fly steadily there.
     """
+    _check(condition)
     model = Model(condition, 100, ideal=True)
     speed = condition.mach * model.speed_of_sound()
     place = (condition.altitude / FOOT, 0.0)
 
     def unpack(z: Array) -> tuple[Array, Array, float]:
         angle, throttle, tail, bank, flap, rudder = (float(value) for value in z * _UNKNOWN_SCALE)
-        alpha, theta = (angle, angle) if condition.alpha is None else (condition.alpha, angle)
-        x = np.array([speed * math.cos(alpha), 0.0, speed * math.sin(alpha), 0, 0, 0, bank, theta, 0], dtype=float)
+        alpha = angle if condition.alpha is None else condition.alpha
+        x = np.array([speed * math.cos(alpha), 0.0, speed * math.sin(alpha), 0.0, 0.0, 0.0, bank, angle, 0.0])
         return x, np.array([tail, rudder, 0.0, flap, 0.0, NOZZLE_SHARE * tail, 0.0]), throttle
 
     def accelerations(z: Array) -> Array:
         x, delta, throttle = unpack(z)
-        model.surround(Surroundings(place, throttle, model.steady_spools(throttle), (1.0,) * 7, (0.0,) * 7))
-        model.put(x, delta)
+        model.surround(Surroundings(place, throttle, (1.0,) * 7, (0.0,) * 7))
+        model.put(x.tolist(), delta.tolist())
         return model.derivative()[:6]
 
-    guess = np.array([0.3 if condition.alpha is None else 0.5, 0.4, 0.0, 0.0, 0.0, 0.0]) / _UNKNOWN_SCALE
-    if condition.alpha is None:
-        guess[0] = 0.5
-    z = gauss_newton(accelerations, guess, tolerance=_TOLERANCE)
+    pitch = 0.05 if condition.alpha is None else 0.75 * condition.alpha
+    z = gauss_newton(accelerations, np.array([pitch, 0.4, 0.0, 0.0, 0.0, 0.0]) / _UNKNOWN_SCALE, tolerance=_TOLERANCE)
     residual = float(np.max(np.abs(accelerations(z))))
     x, delta, throttle = unpack(z)
-    if not residual < 1e-6:
-        message = f"no trim for {condition.name}: {residual:.3g} m/s^2 or rad/s^2 remain, expected less than 1e-6"
+    within = all(a.low <= d <= a.high for a, d in zip(ACTUATORS, delta.tolist(), strict=True))
+    if not (residual < _ACCEPTED and within and 0.0 <= throttle <= 1.0):
+        message = (
+            f"no trim for {condition.name}: {residual:.3g} m/s^2 or rad/s^2 remain at throttle {throttle:.2f} and "
+            f"{math.degrees(delta[0]):.1f} deg of tail, expected less than {_ACCEPTED:g} within the limits"
+        )
         raise PlantError(message)
+    x.setflags(write=False)
+    delta.setflags(write=False)
     gamma = float(x[7]) - math.atan2(x[2], x[0])
-    return Trim(condition, x, delta, throttle, model.steady_spools(throttle), place, gamma, residual)
+    return Trim(condition, x, delta, throttle, place, gamma, residual)
+
+
+def _check(condition: FlightCondition) -> None:
+    alpha = 0.0 if condition.alpha is None else condition.alpha
+    numbers = (condition.altitude, condition.mach, alpha, condition.ballast, condition.leading_edge_flap)
+    if not all(math.isfinite(value) for value in numbers) or condition.mach <= 0.0 or condition.ballast < 0.0:
+        message = f"condition {condition.name}: {numbers}, expected finite numbers, Mach above 0, ballast not below 0"
+        raise PlantError(message)

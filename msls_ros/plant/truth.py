@@ -1,6 +1,6 @@
 """The true A(t) and B(t): central differences of the equations of motion about the present instant.
 
-A second model, the twin, is put at the state, deflections, engine speeds and damage of the flying one and moved a
+A second model, the twin, is put at the state, deflections, throttle and damage of the flying one and moved a
 little in each of its 9 states and 7 effectors (eq 24). Its actuators are ideal, so a command is a deflection. It never
 integrates, and the flying model is only read.
 """
@@ -41,7 +41,7 @@ class Twin:
         sample : Sample
             States and measured deflections.
         surroundings : Surroundings
-            Place, engine and damage of the same instant.
+            Place, throttle and damage of the same instant.
 
         Returns
         -------
