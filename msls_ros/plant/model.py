@@ -112,7 +112,7 @@ class Model:
 
     def _initialise(self) -> None:
         if not self._fdm.run_ic():
-            message = "JSBSim cannot start from the initial condition: " + "; ".join(airframe.silence().errors)
+            message = "JSBSim cannot start from the initial condition: expected finite states and commands"
             raise PlantError(message)
 
     def speed_of_sound(self) -> float:
