@@ -178,6 +178,9 @@ class _Cursor:
         size = self.length(1)
         start = self.position
         self.position += size
+        if size and self.cdr[self.position - 1] != 0:
+            what = f"a text at byte {start} that does not end"
+            raise ValueError(what)
         return self.cdr[start : start + max(0, size - 1)].decode()
 
     def doubles(self) -> tuple[int, int]:
