@@ -40,6 +40,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.10",
     packages=[NAME, *(f"{NAME}.{room}" for room in ROOMS)],
+    package_data={f"{NAME}.plant": ["data/*"]},
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
