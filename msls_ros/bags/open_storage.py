@@ -67,12 +67,24 @@ def _open(path: Path) -> Scanner:
     except BaseException:
         stream.close()
         raise
-    stream.close()
     if head.startswith(SQLITE_MAGIC):
-        return SqliteScanner(path)
+        return _open_sqlite(path, stream, size)
+    stream.close()
     found = "it is empty" if not head else f"it starts with {head[:8]!r}"
     msg = f"{path}: not a bag; expected an MCAP, sqlite3 or ROS 1 bag file, {found}"
     raise BagError(msg)
+
+
+def _open_sqlite(path: Path, stream: BinaryIO, size: int) -> Scanner:
+    """Open a database; of one cut off in a page a copy of the whole pages, for sqlite fills up with zeros."""
+    head = stream.read(18)
+    page = int.from_bytes(head[16:18], "big")
+    page = 65536 if page == 1 else page
+    if page < 512 or size % page == 0:
+        stream.close()
+        return SqliteScanner(path)
+    stream.seek(0)
+    return _Unpacked(path, stream, size - size % page, f"{path}: cut off at byte {size}")
 
 
 def _open_compressed(path: Path, stream: BinaryIO) -> Scanner:
@@ -98,18 +110,19 @@ def _decompressor(stream: BinaryIO) -> BinaryIO:
 
 
 class _Unpacked(SqliteScanner):
-    """A compressed sqlite3 file, unpacked until it is closed; of a damaged one, what there is."""
+    """A copy of a sqlite3 file, decompressed or cut to length, until it is closed."""
 
-    def __init__(self, path: Path, source: BinaryIO) -> None:
+    def __init__(self, path: Path, source: BinaryIO, length: int | None = None, damage: str = "") -> None:
         self._folder = TemporaryDirectory(prefix="msls_bag_")
         copy = Path(self._folder.name) / "bag.db3"
-        self._cut = ""
+        self._damage = damage
         try:
             with source, copy.open("wb") as target:
                 try:
                     shutil.copyfileobj(source, target, 1 << 20)
                 except zstandard.ZstdError as error:
-                    self._cut = f"{path}: its compression is damaged: {error}"
+                    self._damage = f"{path}: its compression is damaged: {error}"
+                target.truncate(length)
             super().__init__(copy, path)
         except OSError as error:
             self._folder.cleanup()
@@ -120,9 +133,10 @@ class _Unpacked(SqliteScanner):
             raise
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
-        if self._cut:
-            warn(self._cut)
-        yield from super().batches(wanted, warn)
+        problems = [self._damage] if self._damage else []
+        yield from super().batches(wanted, problems.append)
+        if problems:
+            warn("; ".join(problems))
 
     def close(self) -> None:
         super().close()

@@ -68,7 +68,7 @@ class BagReader:
 
     @property
     def topics(self) -> dict[str, str]:
-        """Types by topic: all of a finished bag; those met so far of an unfinished one."""
+        """Types by topic: all of a finished bag; of one without an index those of its first chunk, then those met."""
         return {name: topic.msgtype for name, topic in self._topics.items()}
 
     @property
@@ -218,6 +218,8 @@ class BagReader:
         for path in self._bag.paths:
             try:
                 with closing(open_storage(path, self._bag.message_compression)) as scanner:
+                    if not scanner.topics:
+                        next(scanner.batches(lambda _: True, lambda _: None), None)
                     self._learn(scanner)
                     self._summaries.append(scanner.summary)
                 self._files.append(path)

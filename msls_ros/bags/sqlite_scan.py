@@ -40,15 +40,20 @@ class SqliteScanner:
         mode = "mode=ro" if journal.exists() else "mode=ro&immutable=1"
         try:
             self._connection = sqlite3.connect(f"file:{quote(str(path.resolve()))}?{mode}", uri=True)
+            # Without it sqlite refuses a file that is shorter than its first page says.
+            self._connection.execute("PRAGMA writable_schema = ON")
             self._connection.text_factory = lambda text: text.decode("utf-8", "replace")
         except sqlite3.Error as error:
             raise self._unusable(error) from error
         try:
             self._topics = self._read_topics()
-            self._last_row = self._one("SELECT max(id) FROM messages") or 0
         except (sqlite3.Error, ValueError, TypeError) as error:
             self._connection.close()
             raise self._unusable(error) from error
+        try:
+            self._last_row = self._one("SELECT max(id) FROM messages") or 0
+        except sqlite3.Error:
+            self._last_row = 0
         self._row = 0
 
     @property
@@ -63,7 +68,7 @@ class SqliteScanner:
 
     def progress(self) -> float:
         """Give the share of the rows that have been read, 0 to 1."""
-        return self._row / self._last_row if self._last_row else 1.0
+        return self._row / self._last_row if self._last_row else 0.0
 
     def close(self) -> None:
         """Close the file."""
@@ -105,7 +110,7 @@ class SqliteScanner:
         if batch:
             yield batch
         if damage is not None:
-            warn(f"{self._name}: damaged after row {self._row} of {self._last_row} ({damage}); read up to there")
+            warn(f"{self._name}: damaged after row {self._row} ({damage}); read up to there")
         if malformed:
             warn(f"{self._name}: {malformed} damaged rows skipped; all the rest was read")
 
