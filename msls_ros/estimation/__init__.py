@@ -5,9 +5,13 @@ from msls_ros.estimation.dither import Dither, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
 from msls_ros.estimation.identifier import Identifier
-from msls_ros.estimation.synchronizer import PairedSample, Refused, Synchronizer
+from msls_ros.estimation.msls import MSLS, RLS
+from msls_ros.estimation.regression import Regression, make_settings
+from msls_ros.estimation.synchronizer import NamedVector, PairedSample, Refused, Synchronizer
 
 __all__ = [
+    "MSLS",
+    "RLS",
     "Configuration",
     "Dither",
     "DitherLaw",
@@ -17,8 +21,11 @@ __all__ = [
     "FaultEvent",
     "Identifier",
     "Level",
+    "NamedVector",
     "PairedSample",
     "Refused",
+    "Regression",
     "Synchronizer",
     "from_mapping",
+    "make_settings",
 ]

@@ -1,7 +1,7 @@
 """The identifier: samples in, linear model with error bars, fault events and dither out.
 
 One object serves flight and desk: the node calls `Identifier.update` per sample, offline tools call `Identifier.run` on arrays, and
-both go through the same compiled loop (`rows.advance`). What comes out is a function of the configuration and the sample sequence
+both go through the same compiled loop (`regression.Regression`). What comes out is a function of the configuration and the sample sequence
 alone.
 """
 
@@ -14,18 +14,15 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
-from msls_ros.estimation import rows as _rows
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
-from msls_ros.estimation.kernel import Array, make_work
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, known_terms
-from msls_ros.estimation.uncertainty import residual_deviation, standard_errors
-
-PRIOR_MSLS = 1e4
-PRIOR_RLS = 1e8
+from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
+from msls_ros.estimation.rows import COLOURS, Settings
 
 
 class Identifier:
@@ -45,18 +42,15 @@ class Identifier:
         known = {s: c.rows.index(s) if c.known_gravity and s in c.rows else -1 for s in "uvw"}
         self._forces = np.array([known[s] for s in "uvw"], np.int64)
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
-        self._settings = _settings(c)
-        self._state = _rows.make_state(self._settings, len(c.rows))
-        self._work = make_work(len(c.regressors), len(self._settings.colours))
-        self._w0 = np.zeros(len(c.regressors))
         self._law = DitherLaw(c)
+        self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
         self._enabled = True
         warn_if_interpreted(len(c.regressors), len(c.rows))
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: estimates, factor, detector, dither sequence."""
-        _rows.clear(self._settings, self._state)
+        self._regression.reset()
         self._law.reset()
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
@@ -70,15 +64,25 @@ class Identifier:
         EstimationError
             For a value that is refused, or a parameter that cannot change in flight; nothing has changed then.
         """
-        bounds = {name: b for name, _, b in _configuration.items(self.configuration)}
-        current = _configuration.as_mapping(self.configuration)
-        for name, value in changes.items():
-            if name in bounds and not bounds[name].in_flight and value != current[name]:
+        configuration = self.configuration.replace(changes)
+        self.check_change(configuration)
+        self.configuration = configuration
+        self._law.configure(self.configuration)
+        self._regression.settings = _settings(self.configuration)
+        self._regression.weights = self._law.weights
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """All parameters by full name."""
+        return _configuration.as_mapping(self.configuration)
+
+    def check_change(self, configuration: Configuration) -> None:
+        """Raise EstimationError if the configuration differs in what cannot change in flight."""
+        current = self.parameters
+        for name, value, bounds in _configuration.items(configuration):
+            if not bounds.in_flight and value != current[name]:
                 message = f"parameter '{name}' cannot change while the estimator runs; set it before the start"
                 raise EstimationError(message)
-        self.configuration = self.configuration.replace(changes)
-        self._settings = _settings(self.configuration)
-        self._law.configure(self.configuration)
 
     def update(self, time: float, x: Array, xdot: Array, delta: Array) -> Estimate:
         """Take one sample.
@@ -120,10 +124,10 @@ class Identifier:
         estimates = []
         start = 0
         while start < len(time):
-            due = every - int(self._state.samples[0]) % every
+            due = every - int(self._regression.state.samples[0]) % every
             stop = min(start + due, len(time))
             self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
-            if self._state.samples[0] % every == 0 or self._events:
+            if self._regression.state.samples[0] % every == 0 or self._events:
                 estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
         return estimates
@@ -137,10 +141,7 @@ class Identifier:
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         done = 0
         while done < count:
-            out = _rows.make_output(count - done, r)
-            taken = _rows.advance(
-                self._settings, self._state, phi[done:], y[done:], self._law.weights, self._work, self._w0, out
-            )
+            taken, out = self._regression.advance(phi[done:], y[done:])
             for k in range(taken):
                 alarm = k == taken - 1 and bool(out.alarm[k].any())
                 self._dither = self._law.command(
@@ -161,7 +162,7 @@ class Identifier:
                 message = f"{name} holds a number that is not finite; expected finite numbers"
                 raise EstimationError(message)
 
-    def _alarm(self, time: float, statistic: Array, alarm: _rows.Integers) -> None:
+    def _alarm(self, time: float, statistic: Array, alarm: Integers) -> None:
         self.alarms += 1
         offset = _offset(self.configuration)
         found = [q for q in range(len(alarm)) if alarm[q]]
@@ -181,7 +182,7 @@ class Identifier:
 
     def estimate(self, time: float, x: Array) -> Estimate:
         """Return the model as it stands, its known part taken at ``x`` (n,); hands over the events since the last call."""
-        c, s = self.configuration, self._state
+        c, s = self.configuration, self._regression
         n, m, r = len(c.states), len(c.effectors), len(c.rows)
         a, bias, a_known = known_terms(c.states, x) if c.known_gravity else _nothing_known(n)
         b, b_std = np.zeros((n, m)), np.zeros((n, m))
@@ -189,14 +190,14 @@ class Identifier:
         b_reliable = np.ones((n, m), np.bool_)
         residual, forgetting = np.full(n, math.nan), np.full(n, math.nan)
         for q, row in enumerate(self._kept):
-            theta, error = s.theta[q], standard_errors(s, q)
-            reliable = self._reliable(theta, error, s.rho[s.group[q]])
+            theta, error = s.theta[q], s.standard_errors(q)
+            reliable = self._reliable(theta, error, s.excitation(q))
             a[row, self._kept] += theta[:r]
             a_std[row, self._kept], a_reliable[row, self._kept] = error[:r], reliable[:r]
             b[row], b_std[row], b_reliable[row] = theta[r : r + m], error[r : r + m], reliable[r : r + m]
             bias[row] += theta[r + m]
-            residual[row] = residual_deviation(s, q)
-            forgetting[row] = self._settings.forgetting
+            residual[row] = s.residual_deviation(q)
+            forgetting[row] = s.settings.forgetting
         events, self._events = tuple(self._events), []
         return Estimate(
             time=time,
@@ -211,10 +212,10 @@ class Identifier:
             a_reliable=a_reliable,
             b_reliable=b_reliable,
             regressors=c.regressors,
-            excitation=s.rho[np.unique(s.group)].min(axis=0),
+            excitation=s.state.rho[np.unique(s.state.group)].min(axis=0),
             residual_std=residual,
             forgetting_factor=forgetting,
-            samples=int(s.samples[0]),
+            samples=int(s.state.samples[0]),
             prediction_error=self._error.copy(),
             statistic=np.where(self._statistic > 0.0, self._statistic - _offset(c), 0.0),
             events=events,
@@ -224,7 +225,7 @@ class Identifier:
     def _reliable(self, theta: Array, error: Array, excitation: Array) -> Array:
         """Excited enough, and a standard error small enough for the size of the estimate."""
         p = self.configuration.reliability
-        allowed = np.maximum(p.relative_error * np.abs(theta), p.tolerance / self._settings.scale)
+        allowed = np.maximum(p.relative_error * np.abs(theta), p.tolerance / self._regression.settings.scale)
         flags: Array = (excitation >= p.excitation) & (error <= allowed)
         return flags
 
@@ -242,7 +243,7 @@ def _offset(c: Configuration) -> float:
     return 0.0 if c.detector.mode == "ratio" else 1.0
 
 
-def _settings(c: Configuration) -> _rows.Settings:
+def _settings(c: Configuration) -> Settings:
     """Translate the parameters into what the compiled loop takes."""
     e, d, p = c.estimator, c.detector, len(c.regressors)
     rls = e.method == "rls"
@@ -251,7 +252,7 @@ def _settings(c: Configuration) -> _rows.Settings:
         penalty[p - 1] = e.penalty_constant
     forgetting = c.forgetting
     merge = math.ceil(math.log(c.recovery.rejoin_tolerance) / math.log(forgetting)) if forgetting < 1.0 else -1
-    return _rows.Settings(
+    return Settings(
         rls=rls,
         retained=e.penalty_retained,
         forgetting=forgetting,
@@ -259,7 +260,7 @@ def _settings(c: Configuration) -> _rows.Settings:
         scale=np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors]),
         auto_scale=e.scale == "auto",
         rms_memory=e.rms_memory,
-        colours=np.array(_rows.COLOURS if c.reliability.coloured else _rows.COLOURS[:1]),
+        colours=np.array(COLOURS if c.reliability.coloured else COLOURS[:1]),
         residual_forgetting=1.0 - 1.0 / c.reliability.residual_memory,
         colour_forgetting=1.0 - 1.0 / c.reliability.colour_memory,
         prior=PRIOR_RLS if rls else PRIOR_MSLS,

@@ -47,6 +47,72 @@ class Refused(ValueError):
         self.reason = reason
 
 
+class NamedVector:
+    """Puts the values of a message into the order that is wanted, by their names, and refuses what does not fit.
+
+    Parameters
+    ----------
+    kind
+        What it is called in sentences (state, effector, command, dither).
+    names
+        The names wanted, in order. Messages may carry them in another order, and more of them.
+    """
+
+    def __init__(self, kind: str, names: Sequence[str]) -> None:
+        """Know no layout yet; see the class."""
+        self.kind = kind
+        self.names = tuple(names)
+        self._orders: dict[tuple[str, ...], NDArray[np.intp]] = {}
+
+    def arrange(self, names: Sequence[str], **fields: Sequence[float]) -> tuple[Array, ...]:
+        """Return each field's values in the order wanted.
+
+        Parameters
+        ----------
+        names
+            Names of the message's values.
+        **fields
+            Field name and values, one per name.
+
+        Raises
+        ------
+        Refused
+            For a name that is missing or repeated, a wrong length, or a number that is not finite.
+        """
+        order = self._order(tuple(names))
+        arrays = []
+        for field, values in fields.items():
+            array = np.asarray(values, dtype=np.float64)
+            if array.shape != (len(names),):
+                text = f"{self.kind} sample: {field} has {array.size} values; expected one per name, {len(names)}"
+                raise Refused("length", text)
+            array = array[order]
+            numbers = array.tolist()
+            if not all(map(math.isfinite, numbers)):
+                bad = next(i for i, v in enumerate(numbers) if not math.isfinite(v))
+                text = f"{self.kind} sample: {field} of {self.names[bad]} is {numbers[bad]}; expected a finite number"
+                raise Refused("not_finite", text)
+            arrays.append(array)
+        return tuple(arrays)
+
+    def _order(self, names: tuple[str, ...]) -> NDArray[np.intp]:
+        """Return where our names stand among the message's; remembered per layout."""
+        order = self._orders.get(names)
+        if order is None:
+            missing = [n for n in self.names if n not in names]
+            if missing or len(set(names)) != len(names):
+                what = (
+                    f"no '{missing[0]}' among the names {list(names)}"
+                    if missing
+                    else f"repeated names in {list(names)}"
+                )
+                raise Refused("names", f"{self.kind} sample: {what}; expected {list(self.names)}")
+            order = np.array([names.index(n) for n in self.names], dtype=np.intp)
+            if len(self._orders) < PENDING:
+                self._orders[names] = order
+        return order
+
+
 class Synchronizer:
     """Pair the two input streams; `add_state` and `add_effectors` return a sample when it is complete.
 
@@ -60,8 +126,7 @@ class Synchronizer:
 
     def __init__(self, states: Sequence[str], effectors: Sequence[str], time_jump: float = 1.0) -> None:
         """Start with nothing pending; see the class."""
-        self._names = {"state": tuple(states), "effector": tuple(effectors)}
-        self._orders: dict[tuple[str, tuple[str, ...]], NDArray[np.intp]] = {}
+        self._vectors = {"state": NamedVector("state", states), "effector": NamedVector("effector", effectors)}
         self._jump = round(time_jump * 1e9)
         self.refused: Counter[str] = Counter()
         """Messages refused, by reason."""
@@ -115,39 +180,14 @@ class Synchronizer:
     def _add(
         self, kind: str, stamp: int, names: Sequence[str], fields: dict[str, Sequence[float]]
     ) -> PairedSample | None:
-        order = self._order(kind, tuple(names))
-        arrays = []
-        for field, values in fields.items():
-            array = np.asarray(values, dtype=np.float64)
-            if array.shape != (len(names),):
-                text = f"{kind} sample: {field} has {array.size} values; expected one per name, {len(names)}"
-                raise self.refuse("length", text)
-            array = array[order]
-            if not all(map(math.isfinite, array.tolist())):
-                bad = next(i for i, v in enumerate(array.tolist()) if not math.isfinite(v))
-                text = f"{kind} sample: {field} of {self._names[kind][bad]} is {array[bad]}; expected a finite number"
-                raise self.refuse("not_finite", text)
-            arrays.append(array)
+        try:
+            arrays = self._vectors[kind].arrange(names, **fields)
+        except Refused as refused:
+            self.refused[refused.reason] += 1
+            raise
         self._check_stamp(kind, stamp)
-        self._pending[kind][stamp] = tuple(arrays)
+        self._pending[kind][stamp] = arrays
         return self._pair(stamp, kind)
-
-    def _order(self, kind: str, names: tuple[str, ...]) -> NDArray[np.intp]:
-        """Return where our names stand among the message's; remembered per layout."""
-        order = self._orders.get((kind, names))
-        if order is None:
-            missing = [n for n in self._names[kind] if n not in names]
-            if missing or len(set(names)) != len(names):
-                what = (
-                    f"no '{missing[0]}' among the names {list(names)}"
-                    if missing
-                    else f"repeated names in {list(names)}"
-                )
-                raise self.refuse("names", f"{kind} sample: {what}; expected {list(self._names[kind])}")
-            order = np.array([names.index(n) for n in self._names[kind]], dtype=np.intp)
-            if len(self._orders) < PENDING:
-                self._orders[(kind, names)] = order
-        return order
 
     def _check_stamp(self, kind: str, stamp: int) -> None:
         """Refuse stamps that repeat or go back a little; start anew where they jump back."""

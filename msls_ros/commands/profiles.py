@@ -1,0 +1,124 @@
+"""Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual."""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from msls_ros.estimation import Configuration, EstimationError, from_mapping
+from msls_ros.estimation.configuration import Bounds, items
+
+WIDTH = 116
+
+
+def config_folder() -> Path:
+    """Return the folder of the shipped parameter files, in the source tree or where the package is installed."""
+    here = Path(__file__).resolve().parents[2] / "config"
+    candidates = [
+        here,
+        *(Path(p) / "share/msls_ros/config" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p),
+    ]
+    for candidate in candidates:
+        if candidate.is_dir() and any(candidate.glob("*.yaml")):
+            return candidate
+    message = f"the shipped parameter files are nowhere: looked in {', '.join(map(str, candidates))}"
+    raise EstimationError(message)
+
+
+def read_profile(name: str | os.PathLike[str]) -> Configuration:
+    """Read a parameter file.
+
+    Parameters
+    ----------
+    name
+        A shipped profile's name (``f16_high_alpha``) or the path of a YAML file of ROS parameters.
+
+    Raises
+    ------
+    EstimationError
+        For a file that is missing or wrong; the sentence names the file.
+    """
+    path = Path(name)
+    if path.suffix not in (".yaml", ".yml"):
+        shipped = sorted(p.stem for p in config_folder().glob("*.yaml"))
+        if str(name) not in shipped:
+            message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
+            raise EstimationError(message)
+        path = config_folder() / f"{name}.yaml"
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"parameter file '{path}' cannot be read: {error.strerror}"
+        raise EstimationError(message) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
+        raise EstimationError(message) from error
+    try:
+        return from_mapping(_identifier_section(content))
+    except EstimationError as error:
+        message = f"parameter file '{path}': {error}"
+        raise EstimationError(message) from error
+
+
+def _identifier_section(content: Any) -> Mapping[str, Any]:
+    """Return the identifier's parameters out of a ROS parameter file."""
+    if isinstance(content, Mapping):
+        for node in ("identifier", "/identifier", "/**"):
+            section = content.get(node)
+            if isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping):
+                own = ("autostart", "publish_every", "use_sim_time")
+                return {k: v for k, v in section["ros__parameters"].items() if k not in own}
+    message = "has no section 'identifier: ros__parameters:'"
+    raise EstimationError(message)
+
+
+def render_profile(configuration: Configuration, title: str) -> str:
+    """Write a configuration as a parameter file with every parameter's meaning, unit and range: the manual.
+
+    Parameters
+    ----------
+    configuration
+        What to write.
+    title
+        First lines of the file, without ``#``.
+    """
+    lines = [f"# {line}".rstrip() for line in title.strip().splitlines()]
+    lines += ["", "identifier:", "  ros__parameters:"]
+    section = ""
+    for name, value, bounds in items(configuration):
+        head, _, leaf = name.rpartition(".")
+        indent = "      " if head else "    "
+        if head != section:
+            section = head
+            lines += ["", f"    {head}:"]
+        lines += textwrap.wrap(
+            _about(bounds, value), WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   "
+        )
+        lines.append(f"{indent}{leaf}: {_yaml(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _about(bounds: Bounds, value: Any) -> str:
+    text = bounds.description
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if number or (isinstance(value, tuple) and not any(isinstance(v, str) for v in value)):
+        text += f" [{bounds.unit}], {bounds.low:g} to {bounds.high:g}"
+    return text if bounds.in_flight else f"{text} (fixed at the start)"
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    if isinstance(value, str):
+        return value if value not in ("1", "off", "on", "yes", "no") else f'"{value}"'
+    if isinstance(value, float):
+        text = repr(value)
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return repr(value)

@@ -1,0 +1,144 @@
+"""A linear regression over time with everything on: factor groups, detector, recovery, residual colours. The engine.
+
+`Identifier` puts the names and units of flight around it; the paper's linear experiments (eqs 15-17) run on it bare.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation import rows as _rows
+from msls_ros.estimation import uncertainty
+from msls_ros.estimation.kernel import Array, Integers, make_work
+from msls_ros.estimation.rows import COLOURS, Output, Settings
+
+PRIOR_MSLS = 1e4
+PRIOR_RLS = 1e8
+
+
+def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
+    """Settings of the paper's linear experiments (lambda 0.1, W0 0.03 I, N 10, T 20), with some of them changed.
+
+    Parameters
+    ----------
+    regressors, rows
+        p and r.
+    **changes
+        Fields of `Settings`; ``threshold`` is on short/long, the paper's T plus 1.
+    """
+    settings = Settings(
+        rls=False,
+        retained=True,
+        forgetting=0.1,
+        penalty=np.full(regressors, 0.03),
+        scale=np.ones(regressors),
+        auto_scale=False,
+        rms_memory=500.0,
+        colours=np.array(COLOURS[:1]),
+        residual_forgetting=0.98,
+        colour_forgetting=0.998,
+        prior=PRIOR_RLS if changes.get("rls") else PRIOR_MSLS,
+        detect=False,
+        normalised=False,
+        window=10,
+        short=1,
+        threshold=21.0,
+        floor_absolute=np.zeros(rows),
+        floor_relative=0.0,
+        floor_model=0.0,
+        hold_off=0,
+        recovery_penalty=0.1,
+        recovery_forgetting=0.1,
+        merge_after=9,
+        effectors_from=0,
+        effectors_to=0,
+    )
+    return settings._replace(**changes)
+
+
+class Regression:
+    """Estimate ``y_q = theta_q' phi + v_q`` recursively for r rows.
+
+    Parameters
+    ----------
+    settings
+        See `Settings`.
+    rows
+        r.
+    weights
+        What each effector's estimate counts for in ``Output.effect``; empty where there are no effectors.
+    """
+
+    def __init__(self, settings: Settings, rows: int, weights: Sequence[float] = ()) -> None:
+        """Allocate and clear; see the class."""
+        p = settings.penalty.shape[0]
+        self.settings = settings
+        self.state = _rows.make_state(settings, rows)
+        self.weights = np.array(weights, dtype=np.float64)
+        self._work = make_work(p, len(settings.colours))
+        self._w0 = np.zeros(p)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        _rows.clear(self.settings, self.state)
+
+    def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
+        """Take samples until one alarms or all are taken.
+
+        Parameters
+        ----------
+        phi, y
+            (n, p) regressors and (n, r) outputs, finite, C-contiguous.
+
+        Returns
+        -------
+        tuple
+            How many were taken, and what happened at each.
+        """
+        out = _rows.make_output(len(phi), y.shape[1])
+        taken = _rows.advance(self.settings, self.state, phi, y, self.weights, self._work, self._w0, out)
+        return taken, out
+
+    def run(self, phi: Array, y: Array) -> tuple[Array, Array, Integers]:
+        """Take all samples; return the estimates, their standard errors and the alarms after each.
+
+        Parameters
+        ----------
+        phi, y
+            (n, p) regressors and (n, r) outputs.
+
+        Returns
+        -------
+        tuple of arrays
+            (n, r, p), (n, r, p) and (n, r).
+        """
+        n, (r, p) = len(phi), self.theta.shape
+        theta, errors, alarms = np.empty((n, r, p)), np.empty((n, r, p)), np.zeros((n, r), np.int64)
+        for k in range(n):
+            _, out = self.advance(phi[k : k + 1], y[k : k + 1])
+            theta[k], alarms[k] = self.theta, out.alarm[0]
+            for q in range(r):
+                errors[k, q] = self.standard_errors(q)
+        return theta, errors, alarms
+
+    @property
+    def theta(self) -> Array:
+        """(r, p) the estimates; a view."""
+        return self.state.theta
+
+    def excitation(self, row: int) -> Array:
+        """(p,) share of each parameter of a row that the data decide [1]."""
+        excitation: Array = self.state.rho[self.state.group[row]]
+        return excitation
+
+    def standard_errors(self, row: int) -> Array:
+        """(p,) standard errors of a row's estimates."""
+        return uncertainty.standard_errors(self.state, row)
+
+    def residual_deviation(self, row: int) -> float:
+        """Standard deviation of a row's residual."""
+        return uncertainty.residual_deviation(self.state, row)

@@ -1,0 +1,146 @@
+"""The one place that turns `msls_msgs` into the rooms' dataclasses and back.
+
+Stamps are whole nanoseconds on our side. Arrays go into messages through `array.array`, the cheapest way in.
+"""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+try:
+    from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
+except ImportError as error:
+    text = (
+        "the message package msls_msgs is not built or not sourced: run './msls test' once, or build both packages with "
+        "'colcon build --base-paths . msg_defs' and source install/setup.bash"
+    )
+    raise ImportError(text) from error
+from builtin_interfaces.msg import Time
+
+from msls_ros import estimation
+
+Array = NDArray[np.float64]
+FRAME = "base_link_frd"
+
+
+def stamp_of(message: Any) -> int:
+    """Return the stamp of a message's header [ns]."""
+    return int(message.header.stamp.sec) * 1_000_000_000 + int(message.header.stamp.nanosec)
+
+
+def time_message(stamp: int) -> Time:
+    """Return a stamp [ns] as a message."""
+    return Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
+
+
+def doubles(values: NDArray[Any]) -> array[float]:
+    """Return an array of any shape as the row-major field ``float64[]``."""
+    return array("d", np.ascontiguousarray(values, dtype=np.float64).tobytes())
+
+
+def _fill(message: Any, stamp: int, **fields: Any) -> Any:
+    message.header.stamp = time_message(stamp)
+    message.header.frame_id = FRAME
+    for name, value in fields.items():
+        setattr(message, name, value)
+    return message
+
+
+def state_message(stamp: int, states: Sequence[str], x: Array, xdot: Array) -> StateSample:
+    """Return states and derivatives of one instant as a message; an empty ``xdot`` means not measured."""
+    return _fill(StateSample(), stamp, states=list(states), x=doubles(x), xdot=doubles(xdot))
+
+
+def effector_message(stamp: int, effectors: Sequence[str], delta: Array) -> EffectorSample:
+    """Return measured deflections [rad] as a message."""
+    return _fill(EffectorSample(), stamp, effectors=list(effectors), delta=doubles(delta))
+
+
+def command_message(stamp: int, effectors: Sequence[str], delta: Array) -> EffectorCommand:
+    """Return commanded deflections [rad] as a message."""
+    return _fill(EffectorCommand(), stamp, effectors=list(effectors), delta=doubles(delta))
+
+
+def dither_message(stamp: int, effectors: Sequence[str], dither: estimation.Dither) -> DitherCommand:
+    """Return a dither as a message."""
+    return _fill(
+        DitherCommand(),
+        stamp,
+        effectors=list(effectors),
+        delta=doubles(dither.delta),
+        rms=dither.rms,
+        predicted_acceleration=dither.predicted_acceleration,
+        acceleration_limit=dither.acceleration_limit,
+        level=int(dither.level),
+        reason=dither.reason,
+    )
+
+
+def fault_message(stamp: int, event: estimation.FaultEvent) -> FaultEvent:
+    """Return a fault event as a message."""
+    return _fill(
+        FaultEvent(),
+        stamp,
+        kind=int(event.kind),
+        equations=list(event.equations),
+        statistic=array("d", event.statistic),
+        threshold=array("d", event.threshold),
+        suspected_effector=event.suspected_effector,
+        effectiveness=event.effectiveness,
+        effectiveness_std=event.effectiveness_std,
+        description=event.description,
+    )
+
+
+def model_message(stamp: int, estimate: estimation.Estimate) -> LinearModel:
+    """Return an estimate as a message."""
+    return _fill(
+        LinearModel(),
+        stamp,
+        states=list(estimate.states),
+        effectors=list(estimate.effectors),
+        a=doubles(estimate.a),
+        b=doubles(estimate.b),
+        bias=doubles(estimate.bias),
+        a_std=doubles(estimate.a_std),
+        b_std=doubles(estimate.b_std),
+        a_known=estimate.a_known.ravel().tolist(),
+        a_reliable=estimate.a_reliable.ravel().tolist(),
+        b_reliable=estimate.b_reliable.ravel().tolist(),
+        regressors=list(estimate.regressors),
+        excitation=doubles(estimate.excitation),
+        residual_std=doubles(estimate.residual_std),
+        forgetting_factor=doubles(estimate.forgetting_factor),
+        samples=estimate.samples,
+    )
+
+
+def truth_message(
+    stamp: int, states: Sequence[str], effectors: Sequence[str], a: Array, b: Array, bias: Array
+) -> LinearModel:
+    """Return a model that is known exactly (the simulator's own) as a message."""
+    n, m = len(states), len(effectors)
+    return _fill(
+        LinearModel(),
+        stamp,
+        states=list(states),
+        effectors=list(effectors),
+        a=doubles(a),
+        b=doubles(b),
+        bias=doubles(bias),
+        a_std=array("d", bytes(8 * n * n)),
+        b_std=array("d", bytes(8 * n * m)),
+        a_known=[True] * (n * n),
+        a_reliable=[True] * (n * n),
+        b_reliable=[True] * (n * m),
+    )
+
+
+def values(field: Any) -> Array:
+    """Return a ``float64[]`` field as an array (a view)."""
+    return np.asarray(field, dtype=np.float64)

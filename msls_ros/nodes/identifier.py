@@ -1,0 +1,258 @@
+"""The identifier node: states and deflections in; model, fault events and dither out. Managed (lifecycle)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from std_srvs.srv import SetBool, Trigger
+
+from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
+from msls_ros import messages
+from msls_ros.estimation import (
+    Configuration,
+    Dither,
+    Estimate,
+    EstimationError,
+    Identifier,
+    Level,
+    PairedSample,
+    Refused,
+    Synchronizer,
+)
+from msls_ros.nodes.parameters import declare, declare_configuration, plain, read_configuration
+from msls_ros.nodes.quality import INPUT, OUTPUT
+
+SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+
+
+class IdentifierNode(LifecycleNode):
+    """Identify the aircraft's linear model from `state` and `effectors`; publish `model`, `fault`, `dither`.
+
+    Parameters
+    ----------
+    **options
+        As for `rclpy.node.Node` (``parameter_overrides``, ``namespace``, ...).
+
+    Raises
+    ------
+    EstimationError
+        For a parameter that is refused.
+    """
+
+    def __init__(self, name: str = "identifier", **options: Any) -> None:
+        """Declare the parameters; with ``autostart`` configure and activate."""
+        super().__init__(name, **options)
+        declare_configuration(self)
+        self._autostart = declare(self, "autostart", True, _about("configure and activate at the start"))
+        self._every = declare(self, "publish_every", 1, _about("samples per published model"))
+        self._identifier: Identifier | None = None
+        self._active = False
+        self._logged: dict[str, float] = {}
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._stale = True
+        self.estimate: Estimate | None = None
+        """The last published estimate."""
+        if self._every < 1:
+            message = f"parameter 'publish_every' is {self._every}; it must be at least 1"
+            raise EstimationError(message)
+        read_configuration(self)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._take_parameters)
+        if self._autostart:
+            self.trigger_configure()
+            self.trigger_activate()
+
+    @property
+    def synchronizer(self) -> Synchronizer:
+        """The gate, with its counts; once configured."""
+        return self._synchronizer
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Build the identifier from the parameters, and the topics."""
+        try:
+            configuration = read_configuration(self)
+        except EstimationError as error:
+            self.get_logger().error(str(error))
+            return FAILURE
+        self._build(configuration)
+        self._model_publisher = self.create_lifecycle_publisher(LinearModel, "model", OUTPUT)
+        self._fault_publisher = self.create_lifecycle_publisher(FaultEvent, "fault", OUTPUT)
+        self._dither_publisher = self.create_lifecycle_publisher(DitherCommand, "dither", OUTPUT)
+        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._inputs = [
+            self.create_subscription(StateSample, "state", self._on_state, INPUT),
+            self.create_subscription(EffectorSample, "effectors", self._on_effectors, INPUT),
+        ]
+        self._services = [
+            self.create_service(Trigger, "~/reset", self._on_reset),
+            self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
+        ]
+        self._timers_made = [
+            self.create_timer(1.0, self._publish_diagnostics, clock=self._steady),
+            self.create_timer(max(configuration.dither.stale_after, 0.01), self._watch_inputs),
+        ]
+        return SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Start to use what comes in."""
+        self._active = True
+        return super().on_activate(state)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the dither, then ignore what comes in."""
+        self._inhibit("the identifier is deactivated")
+        self._active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Give the topics back and forget everything."""
+        for timer in self._timers_made:
+            self.destroy_timer(timer)
+        for service in self._services:
+            self.destroy_service(service)
+        for subscription in self._inputs:
+            self.destroy_subscription(subscription)
+        for publisher in (self._model_publisher, self._fault_publisher, self._dither_publisher):
+            self.destroy_lifecycle_publisher(publisher)
+        self.destroy_publisher(self._diagnostics_publisher)
+        self._identifier = None
+        return SUCCESS
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop the dither; the process ends."""
+        if self._active:
+            self._inhibit("the identifier shuts down")
+        self._active = False
+        return SUCCESS
+
+    def _build(self, configuration: Configuration) -> None:
+        """Make identifier and gate, and compile the kernels before the first sample comes."""
+        self._identifier = Identifier(configuration)
+        n, m = len(configuration.states), len(configuration.effectors)
+        self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
+        self._identifier.reset()
+        self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+
+    def _on_state(self, message: StateSample) -> None:
+        stamp = messages.stamp_of(message)
+        self._offer(lambda: self._synchronizer.add_state(stamp, message.states, message.x, message.xdot))
+
+    def _on_effectors(self, message: EffectorSample) -> None:
+        stamp = messages.stamp_of(message)
+        self._offer(lambda: self._synchronizer.add_effectors(stamp, message.effectors, message.delta))
+
+    def _offer(self, add: Callable[[], PairedSample | None]) -> None:
+        """Put a message through the gate; use the sample that it completes."""
+        if not self._active:
+            return
+        try:
+            sample = add()
+        except Refused as refused:
+            self._log_refusal(refused)
+            return
+        if sample is not None:
+            self._use(sample)
+
+    def _use(self, sample: PairedSample) -> None:
+        """Update with a sample and publish what comes of it."""
+        assert self._identifier is not None
+        if sample.restarted:
+            self.get_logger().warning(f"time jumped back to {sample.time:.3f} s: starting anew")
+            self._identifier.reset()
+        names = self._identifier.configuration.effectors
+        self.estimate = estimate = self._identifier.update(sample.time, sample.x, sample.xdot, sample.delta)
+        self._stale = False
+        self._last_stamp = sample.stamp
+        self._dither_publisher.publish(messages.dither_message(sample.stamp, names, estimate.dither))
+        for event in estimate.events:
+            self.get_logger().warning(event.description)
+            self._fault_publisher.publish(messages.fault_message(sample.stamp, event))
+        if estimate.samples % self._every == 0:
+            self._model_publisher.publish(messages.model_message(sample.stamp, estimate))
+
+    def _log_refusal(self, refused: Refused) -> None:
+        """Log a refusal, each reason at most once a second."""
+        now = self._steady.now().nanoseconds * 1e-9
+        if now - self._logged.get(refused.reason, -1.0) >= 1.0:
+            self._logged[refused.reason] = now
+            count = self._synchronizer.refused[refused.reason]
+            self.get_logger().warning(f"refused ({refused.reason}, {count} so far): {refused}")
+
+    def _watch_inputs(self) -> None:
+        """Set the dither to zero when the samples have stopped."""
+        if self._stale or not self._active or self._identifier is None:
+            return
+        age = (self.get_clock().now().nanoseconds - self._last_stamp) * 1e-9
+        limit = self._identifier.configuration.dither.stale_after
+        if age > limit:
+            self._inhibit(f"no sample for {age:.2f} s, more than {limit:g} s")
+
+    def _inhibit(self, reason: str) -> None:
+        """Publish a zero dither, once until samples come again."""
+        if self._stale or self._identifier is None:
+            return
+        self._stale = True
+        names = self._identifier.configuration.effectors
+        dither = Dither(np.zeros(len(names)), 0.0, 0.0, 0.0, Level.INHIBITED, reason)
+        self._dither_publisher.publish(messages.dither_message(self._last_stamp, names, dither))
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        assert self._identifier is not None
+        self._identifier.reset()
+        self._synchronizer.clear()
+        response.success, response.message = True, "the estimate starts anew"
+        return response
+
+    def _on_enable_dither(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        result = self.set_parameters([Parameter("dither.enabled", Parameter.Type.BOOL, request.data)])[0]
+        response.success = result.successful
+        response.message = result.reason or f"dither is {'enabled' if request.data else 'disabled'}"
+        return response
+
+    def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
+        """Refuse, with a reason, what is wrong or cannot change while the identifier runs."""
+        if any(p.name in ("autostart", "publish_every") for p in parameters):
+            return SetParametersResult(successful=False, reason="autostart and publish_every are set at the start only")
+        try:
+            configuration = read_configuration(self, parameters)
+            if self._identifier is not None:
+                self._identifier.check_change(configuration)
+        except EstimationError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return SetParametersResult(successful=True)
+
+    def _take_parameters(self, parameters: list[Parameter]) -> None:
+        if self._identifier is not None:
+            self._identifier.configure({p.name: plain(p) for p in parameters if p.name in self._identifier.parameters})
+
+    def _publish_diagnostics(self) -> None:
+        """Say on /diagnostics how many samples were used and what was refused, by reason."""
+        assert self._identifier is not None
+        gate = self._synchronizer
+        refused = sum(gate.refused.values())
+        status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: samples", hardware_id="msls_ros")
+        if not self._active:
+            status.level, status.message = DiagnosticStatus.OK, "inactive"
+        elif self._stale:
+            status.level, status.message = DiagnosticStatus.STALE, "no samples: the dither is zero"
+        elif refused:
+            status.level, status.message = DiagnosticStatus.WARN, f"{refused} messages refused"
+        else:
+            status.level, status.message = DiagnosticStatus.OK, "identifying"
+        counts = {"samples": gate.paired, "alarms": self._identifier.alarms, "restarts": gate.restarts}
+        counts.update({f"refused: {reason}": count for reason, count in sorted(gate.refused.items())})
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in counts.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics_publisher.publish(array)
+
+
+def _about(description: str) -> ParameterDescriptor:
+    return ParameterDescriptor(description=description)

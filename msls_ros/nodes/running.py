@@ -1,0 +1,63 @@
+"""Run one node as a process: spin until it is told to stop, end cleanly, exit with 0, or 2 for bad usage."""
+
+from __future__ import annotations
+
+import signal
+import sys
+from collections.abc import Callable, Sequence
+
+import rclpy
+from rclpy._rclpy_pybind11 import RCLError
+from rclpy.exceptions import ROSInterruptException
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.node import Node
+
+from msls_ros.bags import BagError
+from msls_ros.estimation import EstimationError
+from msls_ros.plant import PlantError
+
+BAD_INPUT = (EstimationError, PlantError, BagError)
+
+
+def run_node(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
+    """Make a node and spin it until Ctrl-C, shutdown, or its future ``finished`` is done.
+
+    Parameters
+    ----------
+    make
+        Builds the node, after rclpy is up.
+    arguments
+        Command line for ROS (``--ros-args ...``); None takes the process's own.
+
+    Returns
+    -------
+    int
+        Exit code: 0, or 2 with one line on stderr for bad usage or bad input.
+    """
+    try:
+        rclpy.init(args=None if arguments is None else list(arguments))
+    except (RCLError, ValueError) as error:
+        print(f"msls_ros: {str(error).splitlines()[0]}", file=sys.stderr)
+        return 2
+    node = None
+    executor = SingleThreadedExecutor()
+    try:
+        node = make()
+        executor.add_node(node)
+        finished = getattr(node, "finished", None)
+        if finished is None:
+            executor.spin()
+        else:
+            executor.spin_until_future_complete(finished)
+    except BAD_INPUT as error:
+        print(f"msls_ros: {error}", file=sys.stderr)
+        return 2
+    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
+        return 0
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        executor.shutdown()
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
