@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.records import ChunkIndex
+from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 from test_bags_writing import mcap_file, write_flight
 
-from msls_ros.bags import BagError, BagMessage, read, repair, typestore
+from msls_ros.bags import BagError, BagMessage, BagWriter, Qos, read, repair, typestore
 
 CHUNK = 40
 CUTS, FLIPS = 20, 50
@@ -212,3 +213,18 @@ def test_a_damaged_ros1_bag_gives_what_is_readable(tmp_path: Path) -> None:
         before = sum(end <= place for end in ends)
         # The head of the record of the first message that is hit stands up to 60 bytes before its text.
         assert found[: max(0, before - 2)] == cdr[: max(0, before - 2)]
+
+
+def test_repair_keeps_the_quality_of_service_and_silent_topics(tmp_path: Path) -> None:
+    path = tmp_path / "bag"
+    with BagWriter(path) as writer:
+        writer.add_topic("fault", "msls_msgs/msg/FaultEvent", qos=Qos(depth=3, reliable=False, transient_local=True))
+        writer.write_message("state", "msls_msgs/msg/StateSample", 1, {})
+        writer.flush()
+        size = writer.file.stat().st_size
+    mcap_file(path).write_bytes(mcap_file(path).read_bytes()[:size])
+    assert repair(path).messages == 1
+    with AnyReader([path]) as reader:
+        (fault,) = [connection for connection in reader.connections if connection.topic == "fault"]
+        (qos,) = fault.ext.offered_qos_profiles  # type: ignore[union-attr]
+    assert (qos.depth, qos.reliability.name, qos.durability.name) == (3, "BEST_EFFORT", "TRANSIENT_LOCAL")

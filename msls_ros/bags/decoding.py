@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,11 @@ class TypeDecoders:
     definition_paths : iterable of path
         Where to look for definitions that the bag does not hold.
 
+    Attributes
+    ----------
+    refused : set of str
+        Topics that `to_cdr` has warned of; clear it to be warned again.
+
     Raises
     ------
     BagError
@@ -37,7 +42,7 @@ class TypeDecoders:
         extra = list(definition_paths)
         self._elsewhere = Definitions(extra) if extra else default_definitions()
         self._stores: dict[str, Typestore] = {}
-        self._refused: set[str] = set()
+        self.refused: set[str] = set()
 
     def decode(self, message: BagMessage, topic: Topic | None) -> Any:
         """Deserialise a message; see `BagReader.decode`.
@@ -88,7 +93,9 @@ class TypeDecoders:
         text, _ = store.generate_msgdef(topic.msgtype, ros_version=2)
         return Definition(topic.msgtype, "ros2msg", text, store.hash_rihs01(topic.msgtype))
 
-    def to_cdr(self, batch: list[BagMessage], topics: Mapping[str, Topic], warnings: list[str]) -> list[BagMessage]:
+    def to_cdr(
+        self, batch: list[BagMessage], topics: Mapping[str, Topic], warn: Callable[[str], None]
+    ) -> list[BagMessage]:
         """Convert ROS 1 messages to CDR, and leave out what is neither.
 
         Parameters
@@ -97,7 +104,7 @@ class TypeDecoders:
             As the file holds them.
         topics : mapping of str to Topic
             What the bag says of them.
-        warnings : list of str
+        warn : callable
             Gets one sentence for each topic that cannot be converted.
 
         Returns
@@ -113,9 +120,9 @@ class TypeDecoders:
             try:
                 converted.append(message if topic.serialization == "cdr" else self._from_ros1(message, topic))
             except BagError as error:
-                if topic.name not in self._refused:
-                    warnings.append(f"topic {topic.name}: {error}; its messages are left out")
-                    self._refused.add(topic.name)
+                if topic.name not in self.refused:
+                    warn(f"topic {topic.name}: {error}; its messages are left out")
+                    self.refused.add(topic.name)
         return converted
 
     def _from_ros1(self, message: BagMessage, topic: Topic) -> BagMessage:

@@ -64,7 +64,6 @@ class McapScanner:
     """
 
     def __init__(self, path: Path, stream: BinaryIO, size: int | None) -> None:
-        self._path = path
         self._stream = stream
         self._size = size
         self._index = Index() if size is None else read_index(stream, size)
@@ -107,7 +106,7 @@ class McapScanner:
         wanted : callable
             Whether a topic is to be read.
         warn : callable
-            Gets a sentence for each kind of damage.
+            Gets half a sentence for each kind of damage.
 
         Yields
         ------
@@ -152,13 +151,13 @@ class McapScanner:
         until = "no message" if self._last_ns is None else f"the last message has log time {self._last_ns / 1e9:.9g} s"
         if self._damaged:
             parts = "one damaged part" if self._damaged == 1 else f"{self._damaged} damaged parts"
-            warn(f"{self._path}: {parts} skipped ({self._first_damage}); all the rest was read")
+            warn(f"{parts} skipped ({self._first_damage}); all the rest was read")
         elif not complete:
-            warn(f"{self._path}: not finished, {self._end} at byte {self._position}; read up to there, {until}")
+            warn(f"not finished, {self._end} at byte {self._position}; read up to there, {until}")
         elif self._size is not None and not self._index.finished:
-            warn(f"{self._path}: its index is {self._index.problem or 'missing'}; all messages were read without it")
+            warn(f"its index is {self._index.problem or 'missing'}; all messages were read without it")
         if self._unknown:
-            warn(f"{self._path}: {self._unknown} messages on a channel that is not described were skipped")
+            warn(f"{self._unknown} messages on a channel that is not described were skipped")
 
     def _record(self, batch: list[BagMessage], wanted: Callable[[str], bool]) -> bool:
         """Read one record into `batch`; true: it was the end of the data.

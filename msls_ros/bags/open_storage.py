@@ -45,7 +45,7 @@ def open_storage(path: Path, message_compression: bool) -> Scanner:
         Not a file that can be read, or not of a known format.
     """
     scanner = _open(path)
-    return _PerMessage(path, scanner) if message_compression else scanner
+    return _PerMessage(scanner) if message_compression else scanner
 
 
 def _open(path: Path) -> Scanner:
@@ -84,7 +84,7 @@ def _open_sqlite(path: Path, stream: BinaryIO, size: int) -> Scanner:
         stream.close()
         return SqliteScanner(path)
     stream.seek(0)
-    return _Unpacked(path, stream, size - size % page, f"{path}: cut off at byte {size}")
+    return _Unpacked(path, stream, size - size % page, f"cut off at byte {size}")
 
 
 def _open_compressed(path: Path, stream: BinaryIO) -> Scanner:
@@ -121,7 +121,7 @@ class _Unpacked(SqliteScanner):
                 try:
                     shutil.copyfileobj(source, target, 1 << 20)
                 except zstandard.ZstdError as error:
-                    self._damage = f"{path}: its compression is damaged: {error}"
+                    self._damage = f"its compression is damaged ({error})"
                 target.truncate(length)
             super().__init__(copy, path)
         except OSError as error:
@@ -133,10 +133,9 @@ class _Unpacked(SqliteScanner):
             raise
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
-        problems = [self._damage] if self._damage else []
-        yield from super().batches(wanted, problems.append)
-        if problems:
-            warn("; ".join(problems))
+        if self._damage:
+            warn(self._damage)
+        yield from super().batches(wanted, warn)
 
     def close(self) -> None:
         super().close()
@@ -146,8 +145,7 @@ class _Unpacked(SqliteScanner):
 class _PerMessage:
     """Decompresses the messages of another scanner."""
 
-    def __init__(self, path: Path, scanner: Scanner) -> None:
-        self._path = path
+    def __init__(self, scanner: Scanner) -> None:
         self._scanner = scanner
 
     @property
@@ -177,7 +175,7 @@ class _PerMessage:
             if whole:
                 yield whole
         if damaged:
-            warn(f"{self._path}: {damaged} messages that cannot be decompressed were skipped")
+            warn(f"{damaged} messages that cannot be decompressed were skipped")
 
 
 def _expand(decompressor: zstandard.ZstdDecompressor, data: bytes) -> bytes:

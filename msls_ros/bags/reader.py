@@ -4,7 +4,7 @@ r"""Reads bags of every kind: rosbag2 (MCAP, sqlite3; directory or single file; 
 
     flight = BagReader("flight.bag", topics=["state", "effectors"])
     for message in flight:              # BagMessage: topic, msgtype, stamp_ns, data (CDR)
-        state = flight.decode(message)  # or a SampleDecoder, ten times as fast
+        state = flight.decode(message)  # or a SampleDecoder, five times as fast
     print(*flight.warnings, sep="\n")   # empty: nothing was damaged
 
 Messages come in the order in which they were written, which is by log time up to the jitter of the
@@ -48,7 +48,7 @@ class BagReader:
     path : Path
         The bag.
     warnings : list of str
-        Damage met so far, one sentence each; an iteration starts it anew.
+        Damage, one sentence for each file, complete when the file has been read; an iteration starts it anew.
     """
 
     def __init__(
@@ -105,15 +105,19 @@ class BagReader:
         """
         self.warnings[:] = self._opening_warnings()
         self._progress = 0.0
+        self._decoders.refused.clear()
         for number, path in enumerate(self._files):
+            problems: list[str] = []
             with closing(open_storage(path, self._bag.message_compression)) as scanner:
-                for batch in scanner.batches(self._is_wanted, self.warnings.append):
+                for batch in scanner.batches(self._is_wanted, problems.append):
                     self._learn(scanner)
                     self._progress = (number + scanner.progress()) / len(self._files)
-                    converted = self._decoders.to_cdr(batch, self._topics, self.warnings)
+                    converted = self._decoders.to_cdr(batch, self._topics, problems.append)
                     if converted:
                         yield converted
                 self._learn(scanner)
+            if problems:
+                self.warnings.append(f"{path}: {'; '.join(problems)}")
         self._progress = 1.0
         for name in sorted((self._wanted or frozenset()) - self._topics.keys()):
             self.warnings.append(f"{self.path}: no topic {name}; it has {', '.join(sorted(self._topics)) or 'none'}")

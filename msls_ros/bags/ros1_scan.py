@@ -25,6 +25,7 @@ from msls_ros.bags.storage import BagMessage, Summary, Topic, normalize_type
 
 MAGIC = b"#ROSBAG V2.0\n"
 _MESSAGE, _CHUNK, _CONNECTION = 2, 5, 7
+_IN_A_CHUNK = (bytes([_MESSAGE]), bytes([_CONNECTION]))
 _MAX_HEADER = 1 << 20
 _PIECE = 1 << 24
 
@@ -52,7 +53,6 @@ class Ros1Scanner:
     """
 
     def __init__(self, path: Path, stream: BinaryIO, size: int) -> None:
-        self._path = path
         self._stream = stream
         self._size = size
         self._topics: dict[int, Topic] = {}
@@ -63,6 +63,7 @@ class Ros1Scanner:
         self._indexed = self._read_index()
         self._damaged = 0
         self._first_damage = ""
+        self._unknown = 0
         self._last_ns: int | None = None
 
     @property
@@ -91,7 +92,7 @@ class Ros1Scanner:
         wanted : callable
             Whether a topic is to be read.
         warn : callable
-            Gets a sentence for each kind of damage.
+            Gets half a sentence for each kind of damage.
 
         Yields
         ------
@@ -113,12 +114,14 @@ class Ros1Scanner:
                 break
         until = "no message" if self._last_ns is None else f"the last message has log time {self._last_ns / 1e9:.9g} s"
         if end:
-            warn(f"{self._path}: {end} at byte {self._position}; read up to there, {until}")
+            warn(f"{end} at byte {self._position}; read up to there, {until}")
         elif not self._indexed:
-            warn(f"{self._path}: not finished, it has no index; all messages were read without it, {until}")
+            warn(f"not finished, it has no index; all messages were read without it, {until}")
         if self._damaged:
             parts = "one damaged chunk" if self._damaged == 1 else f"{self._damaged} damaged chunks"
-            warn(f"{self._path}: of {parts} the rest was skipped ({self._first_damage})")
+            warn(f"of {parts} the rest was skipped ({self._first_damage})")
+        if self._unknown:
+            warn(f"{self._unknown} messages on a connection that is not described were skipped")
 
     def _record(self, batch: list[BagMessage], wanted: Callable[[str], bool]) -> None:
         """Read one record; `_position` moves behind it."""
@@ -126,7 +129,7 @@ class Ros1Scanner:
         left = self._size - self._stream.tell()
         whole = length <= left
         opcode = fields.get(b"op", b"")
-        if opcode[:1] in (bytes([_MESSAGE]), bytes([_CONNECTION]), bytes([_CHUNK])):
+        if opcode in (*_IN_A_CHUNK, bytes([_CHUNK])):
             data = self._read(min(length, left))
             if opcode[0] == _CHUNK:
                 self._chunk(fields, data, whole, batch, wanted)
@@ -158,7 +161,7 @@ class Ros1Scanner:
                 inner, start = _fields(data, position)
                 (length,) = struct.unpack_from("<I", data, start)
                 position = start + 4 + length
-                if position > len(data) or not inner.get(b"op"):
+                if position > len(data) or inner.get(b"op") not in _IN_A_CHUNK:
                     what = "a record does not fit its chunk"
                     raise _Damage(what)
                 self._take(inner[b"op"][0], inner, data[start + 4 : position], batch, wanted)
@@ -179,7 +182,9 @@ class Ros1Scanner:
             if opcode == _MESSAGE:
                 topic = self._topics.get(struct.unpack("<I", fields[b"conn"])[0])
                 seconds, nanoseconds = struct.unpack("<II", fields[b"time"])
-                if topic is not None and wanted(topic.name):
+                if topic is None:
+                    self._unknown += 1
+                elif wanted(topic.name):
                     batch.append(BagMessage(topic.name, topic.msgtype, seconds * 1_000_000_000 + nanoseconds, data))
             elif opcode == _CONNECTION:
                 number = struct.unpack("<I", fields[b"conn"])[0]

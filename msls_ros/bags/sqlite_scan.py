@@ -82,7 +82,7 @@ class SqliteScanner:
         wanted : callable
             Whether a topic is to be read.
         warn : callable
-            Gets a sentence if the file is damaged.
+            Gets half a sentence for each kind of damage.
 
         Yields
         ------
@@ -110,9 +110,9 @@ class SqliteScanner:
         if batch:
             yield batch
         if damage is not None:
-            warn(f"{self._name}: damaged after row {self._row} ({damage}); read up to there")
+            warn(f"damaged after row {self._row} ({damage}); read up to there")
         if malformed:
-            warn(f"{self._name}: {malformed} damaged rows skipped; all the rest was read")
+            warn(f"{malformed} damaged rows skipped; all the rest was read")
 
     def _read_topics(self) -> dict[int, Topic]:
         columns = {row[1] for row in self._connection.execute("PRAGMA table_info(topics)")}
@@ -125,8 +125,10 @@ class SqliteScanner:
         for number, name, kind, serialization, profiles in self._connection.execute(
             f"SELECT id, name, type, serialization_format, {qos} FROM topics ORDER BY id"
         ):
+            if not (isinstance(name, str) and isinstance(kind, str) and isinstance(serialization, str)):
+                continue
             msgtype = normalize_type(kind)
-            topics[number] = Topic(name, msgtype, serialization, definitions.get(msgtype), profiles or "")
+            topics[number] = Topic(name, msgtype, serialization, definitions.get(msgtype), str(profiles or ""))
         return topics
 
     def _read_definitions(self) -> dict[str, Definition]:
@@ -135,7 +137,8 @@ class SqliteScanner:
         rows = self._connection.execute(
             "SELECT topic_type, encoding, encoded_message_definition, type_description_hash FROM message_definitions"
         )
-        return {normalize_type(row[0]): Definition(normalize_type(row[0]), *row[1:]) for row in rows if row[2]}
+        whole = [row for row in rows if row[2] and all(isinstance(column, str) for column in row)]
+        return {normalize_type(row[0]): Definition(normalize_type(row[0]), *row[1:]) for row in whole}
 
     def _one(self, query: str) -> int | None:
         row = self._connection.execute(query).fetchone()

@@ -88,8 +88,8 @@ class Scanner(Protocol):
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
         """Yield messages in the order in which they were written, some at a time.
 
-        Damage never raises: what is readable is yielded and `warn` gets one sentence for each kind
-        of damage.
+        Damage never raises: what is readable is yielded and `warn` gets half a sentence for each kind
+        of damage; the reader puts the name of the file before them.
         """
         ...
 
