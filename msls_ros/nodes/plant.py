@@ -72,11 +72,16 @@ class PlantNode(Node):
         self._make_topics()
         self._running = False
         if self._p["mode"] == "real_time":
-            self.create_timer(self._p["steps_per_sample"] / self._p["fdm_rate"], self._tick, clock=self._steady)
+            self.create_timer(self.sample_period, self._tick, clock=self._steady)
         else:
             self.create_timer(0.25 * self._p["time_out"], self._watch, clock=self._steady)
         if self._p["autostart"]:
             self._starter = self.create_timer(0.02, self._start_when_ready, clock=self._steady)
+
+    @property
+    def sample_period(self) -> float:
+        """Flight time between samples [s]."""
+        return float(self._p["steps_per_sample"] / self._p["fdm_rate"])
 
     def _make_topics(self) -> None:
         self.state_publisher = self.create_publisher(StateSample, "state", OUTPUT)

@@ -1,0 +1,162 @@
+"""`demo`: fly the closed loop over DDS, record it, compare with truth and peers, draw it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from rclpy.logging import LoggingSeverity, set_logger_level
+
+from msls_ros.bags import BagError
+from msls_ros.commands.comparison import Comparison, compare, summarise
+from msls_ros.commands.flight import FlightError, FlightRecord, fly
+from msls_ros.commands.progress import Progress
+from msls_ros.commands.scenarios import BY_NOISE, SCENARIOS, Scenario
+from msls_ros.estimation import EstimationError
+from msls_ros.plant import EFFECTORS, PlantError
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in SCENARIOS.values())
+    result = argparse.ArgumentParser(
+        prog="demo",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        description="Fly the F-16/MATV in closed loop with the identifier, over DDS, in lockstep; record, compare, draw.",
+        epilog=f"scenarios:\n{scenarios}",
+    )
+    result.add_argument(
+        "--scenario",
+        default="roll_doublet_tail_fault",
+        choices=list(SCENARIOS),
+        metavar="NAME",
+        help="what to fly (below)",
+    )
+    result.add_argument("--noise", default="low", choices=list(BY_NOISE), help="sensor noise (default: low)")
+    result.add_argument("--seed", type=_seed, default=0, help="of sensor noise and dither (default: 0)")
+    result.add_argument("--out", type=Path, help="folder for bag, summary and figures (default: out/SCENARIO)")
+    result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
+    result.add_argument("--json", action="store_true", help="print summary.json on stdout and nothing else")
+    return result
+
+
+def _seed(text: str) -> int:
+    if not text.isdigit() or int(text) >= 2**31:
+        message = f"{text!r} is not a seed; expected a whole number from 0 to {2**31 - 1}"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the demo; return the exit code."""
+    arguments = parser().parse_args(argv)
+    scenario = SCENARIOS[arguments.scenario]
+    out = arguments.out or Path("out") / scenario.name
+    try:
+        _prepare(out)
+        summary = run(scenario, out, noise=arguments.noise, seed=arguments.seed, dither=not arguments.no_dither)
+    except (BagError, PlantError, EstimationError, FlightError, OSError) as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 2
+    print(json.dumps(summary, indent=2) if arguments.json else describe(scenario, summary))
+    return 0
+
+
+def _prepare(out: Path) -> None:
+    """Make the folder, or say why it cannot be written."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        probe = out / ".probe"
+        probe.touch()
+        probe.unlink()
+    except OSError as error:
+        message = f"the folder '{out}' cannot be written: {error.strerror}"
+        raise OSError(message) from error
+
+
+def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -> dict[str, Any]:
+    """Fly, compare, draw; write ``summary.json`` into ``out`` and return what it holds."""
+    set_logger_level("rcl", LoggingSeverity.ERROR)
+    configuration = scenario.configuration(noise, seed, dither)
+    with Progress(f"flying {scenario.name}", scenario.duration, "s") as progress:
+        record = fly(
+            scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show
+        )
+    print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
+    comparison = compare(record.bag, configuration)
+    summary = {
+        "scenario": scenario.name,
+        "seed": seed,
+        "noise": noise,
+        "samples": record.samples,
+        **summarise(scenario, comparison),
+        "refused": dict(record.refused),
+        "time_outs": record.time_outs,
+        "real_time_factor": round((record.samples - 1) * 0.02 / record.wall_time, 2),
+        "bag": str(record.bag),
+        "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
+    }
+    (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
+    return summary
+
+
+def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) -> list[Path]:
+    """Write the figures; return their paths."""
+    from msls_ros.report import flight_figures as figures  # matplotlib takes a second to import
+
+    fault = scenario.fault_time if scenario.has_fault else None
+    alarms = [t for t, kind, _ in c.events if kind == "detected"]
+    about = f"{scenario.description}\nsensor noise: {noise}, seed {seed}"
+    paths = [out / "b43.png", out / "states.png", out / "dither.png"]
+    common: dict[str, Any] = {"fault": fault, "alarms": alarms}
+    figures.plot_parameter(
+        paths[0], c.time, c.truth, c.estimates, c.std, title=f"Roll power of the differential tail: {about}", **common
+    )
+    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, EFFECTORS, title=f"Flight: {about}", **common)
+    figures.plot_dither(
+        paths[2], c.time, c.dither, EFFECTORS, c.predicted, c.limit, c.realised, title=f"Dither: {about}", **common
+    )
+    return paths
+
+
+def describe(scenario: Scenario, s: dict[str, Any]) -> str:
+    """Return the summary as a short table for people."""
+    b43, dither = s["b43"], s["dither"]
+    lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]
+    if scenario.has_fault:
+        found = s["detection"]
+        seen = (
+            f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
+            if found["time_s"] is not None
+            else "NOT detected"
+        )
+        lines.append(f"fault at {scenario.fault_time:.2f} s       {seen}")
+    lines.append(f"false alarms          {s['false_alarms']}")
+    after = "" if b43["truth_after"] is None else f" -> {b43['truth_after']:.3f}"
+    lines += [f"b43 (dPdot/d ddt)     {b43['truth_before']:.3f}{after} 1/s^2 in truth", ""]
+    lines.append(f"  {'error of b43':<24}{'before':>9}{'peak':>9}{'after':>9}{'settled in':>13}")
+    for name, label in (("msls", "MSLS"), ("msls_no_detection", "MSLS without detection"), ("rls", "RLS")):
+        e = b43[name]
+        settle = "-" if e["settle_s"] is None else f"{e['settle_s']:.2f} s"
+        lines.append(
+            f"  {label:<24}{_percent(e['rms_before'])}{_percent(e['peak_error'])}{_percent(e['rms_after'])}{settle:>13}"
+        )
+    lines += [
+        "",
+        f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms every day (limit 0.012), "
+        f"{dither['predicted_g_max']:.4f} at most (limit 0.04)",
+        f"                      realised {dither['realised_g_rms']:.4f} g rms, boosted {dither['realised_g_rms_boosted']:.4f}",
+        f"speed                 {s['real_time_factor']:.1f} x real time",
+        f"written               {os.path.dirname(s['bag']) or '.'}: bag/, summary.json, "
+        + ", ".join(os.path.basename(f) for f in s["figures"]),
+    ]
+    return "\n".join(lines)
+
+
+def _percent(value: float | None) -> str:
+    return f"{'-':>9}" if value is None else f"{100.0 * value:>8.1f}%"

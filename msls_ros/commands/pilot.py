@@ -1,0 +1,13 @@
+"""`pilot`: the pilot node as a process."""
+
+from __future__ import annotations
+
+import sys
+
+from msls_ros.commands.node_help import run_or_help
+from msls_ros.nodes.pilot import PilotNode
+
+
+def main() -> int:
+    """Run the node; return the exit code."""
+    return run_or_help("pilot", PilotNode, sys.argv[1:])
