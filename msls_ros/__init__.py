@@ -1,1 +1,1 @@
-"""Real-time identification of an aircraft's linear model (Ward, Barron, Carley, Curtis: MSLS, change detection, ANI)."""
+"""Real-time identification of an aircraft's linear model (Ward, Barron, Carley and Curtis: MSLS, detection, ANI)."""

@@ -16,7 +16,7 @@ try:
     from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 except ImportError as error:
     text = (
-        "the message package msls_msgs is not built or not sourced: run './msls test' once, or build both packages with "
+        "the message package msls_msgs is not built or not sourced: run './msls setup', or build both packages with "
         "'colcon build --base-paths . msg_defs' and source install/setup.bash"
     )
     raise ImportError(text) from error

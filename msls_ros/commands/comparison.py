@@ -1,10 +1,10 @@
-"""What a flight shows: the recorded estimate beside MSLS without detection and RLS on the same samples, all against truth."""
+"""What a flight shows: the recorded estimate, MSLS without detection and RLS on the same samples, all against truth."""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -65,7 +65,7 @@ class Comparison:
     """Time [s], kind and equations."""
 
 
-def compare(bag: str | os.PathLike[str], configuration: Configuration) -> Comparison:
+def compare(bag: str | Path, configuration: Configuration) -> Comparison:
     """Read a recorded flight of the demo and identify it again with the peers."""
     flight = offline.load(bag)
     samples, _ = offline.paired(flight, configuration)

@@ -14,7 +14,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import BagError
 from msls_ros.commands.comparison import Comparison, compare, summarise
-from msls_ros.commands.flight import FlightError, FlightRecord, fly
+from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.scenarios import BY_NOISE, SCENARIOS, Scenario
 from msls_ros.estimation import EstimationError
@@ -27,7 +27,7 @@ def parser() -> argparse.ArgumentParser:
     result = argparse.ArgumentParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Fly the F-16/MATV in closed loop with the identifier, over DDS, in lockstep; record, compare, draw.",
+        description="Fly the F-16/MATV in closed loop with the identifier, over DDS; record, compare, draw.",
         epilog=f"scenarios:\n{scenarios}",
     )
     result.add_argument(
@@ -150,7 +150,7 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         "",
         f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms every day (limit 0.012), "
         f"{dither['predicted_g_max']:.4f} at most (limit 0.04)",
-        f"                      realised {dither['realised_g_rms']:.4f} g rms, boosted {dither['realised_g_rms_boosted']:.4f}",
+        f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}",
         f"speed                 {s['real_time_factor']:.1f} x real time",
         f"written               {os.path.dirname(s['bag']) or '.'}: bag/, summary.json, "
         + ", ".join(os.path.basename(f) for f in s["figures"]),

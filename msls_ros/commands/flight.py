@@ -120,7 +120,7 @@ def fly(
 
 
 def domain() -> int:
-    """Return the DDS domain of this flight: ROS_DOMAIN_ID where it is set, else one that parallel flights do not share."""
+    """Return the DDS domain: ROS_DOMAIN_ID where it is set, else one that parallel flights do not share."""
     given = os.environ.get("ROS_DOMAIN_ID", "")
     return int(given) if given.isdigit() else 1 + os.getpid() % 100
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import rclpy
@@ -33,7 +33,7 @@ def run_or_help(name: str, kind: type[Node], arguments: Sequence[str]) -> int:
     return run_node(kind, [name, *arguments])
 
 
-def _help(name: str, kind: type[Node]) -> str:
+def _help(name: str, kind: Callable[..., Node]) -> str:
     about = (kind.__doc__ or "").split("\n\n")[0]
     lines = [
         f"usage: {name} [--ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO] ...]",

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,12 +37,12 @@ class Flight:
     def topic(self, name: str) -> list[tuple[int, Any]]:
         """Return the messages of a topic, also under a namespace; none: an empty list."""
         for topic, found in self.messages.items():
-            if topic == f"/{name}" or topic.endswith(f"/{name}") and f"/truth/{name}" not in topic:
+            if topic == f"/{name}" or (topic.endswith(f"/{name}") and f"/truth/{name}" not in topic):
                 return found
         return []
 
 
-def load(bag: str | os.PathLike[str]) -> Flight:
+def load(bag: str | Path) -> Flight:
     """Read a bag into memory.
 
     Raises

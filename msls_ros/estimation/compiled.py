@@ -1,8 +1,9 @@
 """One decorator for the numerical kernels: compiled where numba is installed, interpreted where it is not.
 
-The kernels are explicit loops over float64 with `math.sqrt` only: no BLAS, no fastmath, no reassociated sums. Compiled and
-interpreted they give the same bits. Compiled code is cached on disk. An entry of numba's cache knows its own source file
-only and would survive an edit of a function that it calls, so the cache folder carries a hash of all sources of the room.
+The kernels are explicit loops over float64 with `math.sqrt` only: no BLAS, no fastmath, no reassociated sums. Compiled
+and interpreted they give the same bits. Compiled code is cached on disk. An entry of numba's cache knows its own source
+file only and would survive an edit of a function that it calls, so the cache folder carries a hash of all sources of
+the room.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import os
 import warnings
 from collections.abc import Callable
 from pathlib import Path
-from typing import ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -21,7 +22,8 @@ T = TypeVar("T")
 try:
     import numba
 
-    HAVE_NUMBA = not numba.config.DISABLE_JIT
+    numba_config: Any = numba.config
+    HAVE_NUMBA = not numba_config.DISABLE_JIT
 except ImportError:
     HAVE_NUMBA = False
 
@@ -32,12 +34,12 @@ def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel with numba, without fastmath; without numba return it as it is."""
     if not HAVE_NUMBA:
         return function
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = _cache_folder()
+    before = numba_config.CACHE_DIR
+    numba_config.CACHE_DIR = _cache_folder()
     try:
         compiled_function: Callable[P, T] = numba.njit(cache=True, fastmath=False, error_model="numpy")(function)
     finally:
-        numba.config.CACHE_DIR = before
+        numba_config.CACHE_DIR = before
     return compiled_function
 
 
@@ -47,7 +49,7 @@ def _cache_folder() -> str:
     digest = hashlib.sha256()
     for source in sorted(Path(__file__).parent.glob("*.py")):
         digest.update(source.read_bytes())
-    base = numba.config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    base = numba_config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return str(Path(base) / "msls_ros" / digest.hexdigest()[:16])
 
 
@@ -65,7 +67,7 @@ def warn_if_interpreted(regressors: int, rows: int) -> None:
     _warned = True
     rate = 1.0 / (INTERPRETED_SECONDS_PER_FLOP * (regressors**3 / 3 + 12.0 * regressors**2 + 6.0 * rows * regressors))
     warnings.warn(
-        f"numba is not active: the estimator runs interpreted (same numbers) and holds about {rate:.0f} samples per second "
+        f"numba is not active: the estimator runs interpreted (same numbers), about {rate:.0f} samples per second "
         f"for {regressors} regressors and {rows} rows; install numba for a thousand times that",
         RuntimeWarning,
         stacklevel=3,

@@ -1,7 +1,7 @@
 """The parameters of the identifier: declared once, with default, unit, range and meaning.
 
-The node declares its ROS parameters from these dataclasses, the offline tools read the same YAML into them, and a wrong value is
-refused here with a sentence that says what would be right. Names in a parameter file are ``section.field``
+The node declares its ROS parameters from these dataclasses, the offline tools read the same YAML into them, and a wrong
+value is refused here with a sentence that says what would be right. Names in a parameter file are ``section.field``
 (``estimator.forgetting_factor``); fields of `Configuration` itself have no section.
 """
 
@@ -133,6 +133,7 @@ class RecoveryParameters:
     forgetting_factor: float = parameter(
         0.0, "lambda for 2p samples after an alarm; 0: unchanged (better)", low=0.0, high=1.0
     )
+    at_start: bool = parameter(True, "lower the penalty after the start too, while nothing is known")
     rejoin_tolerance: float = parameter(
         1e-9, "forgotten share at which the equation rejoins the shared factor", low=1e-15, high=0.5
     )
@@ -209,7 +210,7 @@ class Configuration:
     sample_rate: float = parameter(50.0, "nominal rate of the samples", unit="Hz", low=0.01, high=1e5, in_flight=False)
     known_gravity: bool = parameter(
         True,
-        "subtract gravity, and fill in its columns and the rows of Phi, Theta, Psi from physics (false: the paper's literal form)",
+        "subtract gravity, fill in what is known of gravity and Euler angles (false: identify it as in the paper)",
         in_flight=False,
     )
     reference_speed: float = parameter(100.0, "scale of u, v and w", unit="m/s", low=1e-6, high=1e6, in_flight=False)
@@ -314,22 +315,23 @@ def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
 
 def _convert(name: str, value: Any, default: Any) -> Any:
     """Return value in the type of default: whole numbers serve as floats, lists as tuples; nothing else is bent."""
-    if isinstance(default, bool) or isinstance(value, bool):
-        if isinstance(default, bool) and isinstance(value, bool):
-            return value
-    elif isinstance(default, str) and isinstance(value, str):
+    if type(value) is type(default) and not isinstance(value, tuple):
         return value
-    elif isinstance(default, int) and isinstance(value, int):
-        return value
-    elif isinstance(default, float) and isinstance(value, (int, float)):
+    if isinstance(default, float) and _is_number(value):
         return float(value)
-    elif isinstance(default, tuple) and not isinstance(value, str) and hasattr(value, "__iter__"):
-        words = name in ("states", "effectors")
-        if all(isinstance(v, str) if words else isinstance(v, (int, float)) and not isinstance(v, bool) for v in value):
-            return tuple(value) if words else tuple(float(v) for v in value)
+    if isinstance(default, tuple) and not isinstance(value, str) and hasattr(value, "__iter__"):
+        if name in ("states", "effectors"):
+            if all(isinstance(v, str) for v in value):
+                return tuple(value)
+        elif all(_is_number(v) for v in value):
+            return tuple(float(v) for v in value)
     kinds = {bool: "true or false", str: "a word", int: "a whole number", float: "a number", tuple: "a list"}
     message = f"parameter '{name}' is {value!r}; it must be {kinds[type(default)]}"
     raise EstimationError(message)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
 
 
 def _check(name: str, value: Any, bounds: Bounds) -> None:

@@ -1,14 +1,15 @@
 """Active noise injection (ANI): small random effector activity that keeps B identifiable (eqs 20-23).
 
-The law solves eq 23 for the largest common rms ``Delta`` of the surfaces for which the worst-case acceleration at the pilot stays at
-its limit, 0.012 g rms every day and 0.04 g rms for a short time after an alarm::
+The law solves eq 23 for the largest common rms ``Delta`` of the surfaces for which the worst-case acceleration at the
+pilot stays at its limit, 0.012 g rms every day and 0.04 g rms for a short time after an alarm::
 
     a_p^2 = Delta^2 [ (S b_u)^2 + (S b_v + l2 S b_P + l1 S b_R)^2 + (S b_w + l1 S b_Q)^2 ]
 
-with ``S b_i`` the sum of absolute values of row i of B-hat. Each effector gets its own zero-mean random sequence, because effectors
-that the control law gangs together are otherwise inseparable. What the paper leaves out is here: the command is larger than what
-is wanted at the surface by the gain of the actuator; rates and positions are limited; an absolute cap holds whatever B-hat says,
-a lower one while B-hat is not excited; after a gap in the data the dither is zero.
+with ``S b_i`` the sum of absolute values of row i of B-hat. Each effector gets its own zero-mean random sequence,
+because effectors that the control law gangs together are otherwise inseparable. What the paper leaves out is here: the
+command is larger than what is wanted at the surface by the gain of the actuator; rates and positions are limited; an
+absolute cap holds whatever B-hat says, a lower one while B-hat is not excited; after a gap in the data the dither is
+zero.
 
 The sequences come from the raw stream of PCG64: equal seeds give equal bits on every machine.
 """
@@ -58,7 +59,7 @@ class Dither:
 
 @compiled
 def pilot_acceleration(effect: Array, rows: Array, forward: float, above: float) -> float:
-    """Worst-case rms acceleration at the pilot for a common rms of 1 rad (square root of eq 23 over Delta^2) [m/s^2/rad].
+    """Worst-case rms acceleration at the pilot per rms of the surfaces, the square root of eq 23 [m/s^2/rad].
 
     Parameters
     ----------
@@ -196,7 +197,8 @@ class DitherLaw:
     def _draw(self) -> Array:
         if self._next == len(self._noise):
             raw = self._generator.random_raw(BLOCK * self._effectors) >> np.uint64(11)
-            self._noise = ((raw * 2.0**-52 - 1.0) * CREST).reshape(BLOCK, self._effectors)
+            uniform: Array = raw.astype(np.float64) * 2.0**-52 - 1.0
+            self._noise = (uniform * CREST).reshape(BLOCK, self._effectors)
             self._next = 0
         self._next += 1
         row: Array = self._noise[self._next - 1]

@@ -1,8 +1,8 @@
 """The identifier: samples in, linear model with error bars, fault events and dither out.
 
-One object serves flight and desk: the node calls `Identifier.update` per sample, offline tools call `Identifier.run` on arrays, and
-both go through the same compiled loop (`regression.Regression`). What comes out is a function of the configuration and the sample sequence
-alone.
+One object serves flight and desk: the node calls `Identifier.update` per sample, offline tools call `Identifier.run` on
+arrays, and both go through the same compiled loop (`regression.Regression`). What comes out is a function of the
+configuration and the sample sequence alone.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
+from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent, Flags
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, known_terms
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
@@ -105,7 +105,7 @@ class Identifier:
         return self.estimate(time, np.asarray(x, float))
 
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> list[Estimate]:
-        """Take many samples; return the estimate after every ``every``-th one since the last reset, and after each alarm.
+        """Take many samples; return the estimates after every ``every``-th since the last reset and after each alarm.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class Identifier:
         )
 
     def estimate(self, time: float, x: Array) -> Estimate:
-        """Return the model as it stands, its known part taken at ``x`` (n,); hands over the events since the last call."""
+        """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
         c, s = self.configuration, self._regression
         n, m, r = len(c.states), len(c.effectors), len(c.rows)
         a, bias, a_known = known_terms(c.states, x) if c.known_gravity else _nothing_known(n)
@@ -222,11 +222,11 @@ class Identifier:
             dither=self._dither,
         )
 
-    def _reliable(self, theta: Array, error: Array, excitation: Array) -> Array:
+    def _reliable(self, theta: Array, error: Array, excitation: Array) -> Flags:
         """Excited enough, and a standard error small enough for the size of the estimate."""
         p = self.configuration.reliability
         allowed = np.maximum(p.relative_error * np.abs(theta), p.tolerance / self._regression.settings.scale)
-        flags: Array = (excitation >= p.excitation) & (error <= allowed)
+        flags: Flags = (excitation >= p.excitation) & (error <= allowed)
         return flags
 
 
@@ -273,6 +273,7 @@ def _settings(c: Configuration) -> Settings:
         floor_relative=d.floor_relative,
         floor_model=d.floor_model,
         hold_off=d.hold_off,
+        ease_start=c.recovery.at_start,
         recovery_penalty=c.recovery.penalty_factor,
         recovery_forgetting=c.recovery.forgetting_factor or forgetting,
         merge_after=merge,

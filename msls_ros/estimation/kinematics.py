@@ -1,9 +1,9 @@
 """What physics knows of the equations: gravity in the force equations, and the kinematics of the Euler angles.
 
-Gravity is subtracted from the measured derivatives before identification, so that attitude needs no regressor; its tangent then
-fills the columns Phi and Theta of A, and the kinematic equations their rows. Body axes forward-right-down, SI, radians. Sine and
-cosine are computed here with plain arithmetic, because those of the C library differ in the last bit from one processor to
-another.
+Gravity is subtracted from the measured derivatives before identification, so that attitude needs no regressor; its
+tangent then fills the columns Phi and Theta of A, and the kinematic equations their rows. Body axes forward-right-down,
+SI, radians. Sine and cosine are computed here with plain arithmetic, because those of the C library differ in the last
+bit from one processor to another.
 
 References
 ----------

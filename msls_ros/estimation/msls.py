@@ -1,8 +1,8 @@
 """MSLS by itself: many rows, one shared factor, no detector (eqs 6-14). `RLS` is the peer that it is compared with.
 
-Both have one interface: `update` takes a regressor and an output per row and returns the prediction errors; ``theta`` holds the
-estimates and `standard_errors` their error bars. `Identifier` is the complete thing; these are for comparisons and for those who bring
-their own supervision.
+Both have one interface: `update` takes a regressor and an output per row and returns the prediction errors; ``theta``
+holds the estimates and `standard_errors` their error bars. `Identifier` is the complete thing; these are for
+comparisons and for those who bring their own supervision.
 """
 
 from __future__ import annotations

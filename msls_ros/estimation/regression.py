@@ -50,6 +50,7 @@ def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
         floor_relative=0.0,
         floor_model=0.0,
         hold_off=0,
+        ease_start=False,
         recovery_penalty=0.1,
         recovery_forgetting=0.1,
         merge_after=9,
@@ -72,7 +73,7 @@ class Regression:
         What each effector's estimate counts for in ``Output.effect``; empty where there are no effectors.
     """
 
-    def __init__(self, settings: Settings, rows: int, weights: Sequence[float] = ()) -> None:
+    def __init__(self, settings: Settings, rows: int, weights: Sequence[float] | Array = ()) -> None:
         """Allocate and clear; see the class."""
         p = settings.penalty.shape[0]
         self.settings = settings

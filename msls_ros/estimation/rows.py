@@ -1,12 +1,13 @@
 """The compiled loop over samples: groups of rows, change detection, recovery and residual statistics around the factor.
 
 Rows (output equations) that share a history share one factor. An alarm (eqs 18-19) takes the alarmed rows out of their
-group into a fresh one with ``R = 0``, ``omega = 0``, the estimate kept, and the penalty lowered for ``2p`` samples and ramped
-back over ``2p`` more. When what the two factors remember differently has been forgotten, the rows rejoin group 0.
+group into a fresh one with ``R = 0``, ``omega = 0``, the estimate kept, the penalty lowered for ``2p`` samples and
+ramped back over ``2p`` more. When what the two factors remember differently has been forgotten, the rows rejoin group
+0.
 
-The change statistic of row q is ``short/long``, where ``long`` is the mean of N past values of ``nu`` and ``short`` the mean of the
-last ``m`` values including this one (m = 1 in eqs 18-19), ``nu = |e|`` or, normalised, ``|e|/sqrt(1 + d)``. ``long`` never counts
-as less than ``floor/threshold``, where the floor is the smallest prediction error worth a reset.
+The change statistic of row q is ``short/long``, where ``long`` is the mean of N past values of ``nu`` and ``short`` the
+mean of the last ``m`` values including this one (m = 1 in eqs 18-19), ``nu = |e|`` or, normalised, ``|e|/sqrt(1 + d)``.
+``long`` never counts as less than ``floor/threshold``, where the floor is the smallest prediction error worth a reset.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ class Settings(NamedTuple):
     floor_relative: float
     floor_model: float
     hold_off: int
+    ease_start: bool
+    """Treat the start like an alarm: lower the penalty while nothing is known."""
     recovery_penalty: float
     recovery_forgetting: float
     merge_after: int
@@ -268,7 +271,7 @@ def error_floor(s: Settings, x: State, q: int, phi: Array) -> float:
 
     An absolute one, a share of the slow rms of the output, and a share of what the model's terms add up to.
     """
-    floor = s.floor_absolute[q]
+    floor = float(s.floor_absolute[q])
     relative = s.floor_relative * math.sqrt(x.y_ms[q])
     if relative > floor:
         floor = relative
@@ -317,8 +320,8 @@ def merge(s: Settings, x: State) -> None:
 
 @compiled
 def recovery_factor(s: Settings, age: int, p: int, g: int) -> float:
-    """Multiplier of the penalty, ``age`` samples after an alarm: low for 2p samples, ramped back over 2p more."""
-    if g == 0 or age >= 4 * p:
+    """Multiplier of the penalty, ``age`` samples after a reset: low for 2p samples, ramped back over 2p more."""
+    if (g == 0 and not s.ease_start) or age >= 4 * p:
         return 1.0
     if age < 2 * p:
         return s.recovery_penalty

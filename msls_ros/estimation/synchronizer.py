@@ -1,7 +1,7 @@
 """Pairs states and deflections by stamp, and refuses what cannot be used: one gate for live data, bags and tests.
 
-A state sample and an effector sample of one stamp make one sample. What is refused is counted by reason; nothing is dropped
-silently. Stamps are whole nanoseconds.
+A state sample and an effector sample of one stamp make one sample. What is refused is counted by reason; nothing is
+dropped silently. Stamps are whole nanoseconds.
 """
 
 from __future__ import annotations

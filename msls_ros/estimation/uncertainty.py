@@ -1,14 +1,15 @@
 """Error bars and reliability from the propagated covariance, for white and for coloured residuals.
 
-The kernel propagates the parameter covariance of the gains actually used for residuals that are AR(1) with each of a few
-coefficients (`rows.COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind them, so their own
-autocorrelation says little; instead the measured product of successive prediction errors is compared with the one that each
-coefficient predicts, and the error bars are interpolated between the two coefficients that bracket it.
+The kernel propagates the parameter covariance of the gains actually used for residuals that are AR(1) with each of a
+few coefficients (`rows.COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind
+them, so their own autocorrelation says little; instead the measured product of successive prediction errors is compared
+with the one that each coefficient predicts, and the error bars are interpolated between the two coefficients that
+bracket it.
 
 References
 ----------
-Grauer and Morelli, "Parameter Uncertainty for Aircraft Parameter Estimates using Recursive Least Squares", AIAA Atmospheric Flight
-Mechanics Conference, 2016 (the correction for coloured residuals of a growing-memory estimate).
+Grauer and Morelli, "Parameter Uncertainty for Aircraft Parameter Estimates using Recursive Least Squares", AIAA
+Atmospheric Flight Mechanics Conference, 2016 (the correction for coloured residuals of a growing-memory estimate).
 """
 
 from __future__ import annotations

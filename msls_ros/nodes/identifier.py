@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
-from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from msls_ros import messages
 from msls_ros.estimation import (
     Configuration,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
+from msls_msgs.msg import EffectorCommand, StateSample
 from rclpy.node import Node
 
-from msls_msgs.msg import EffectorCommand, StateSample
 from msls_ros import messages
 from msls_ros.estimation import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table

@@ -1,4 +1,4 @@
-"""The plant node: the simulated F-16/MATV. In lockstep it waits for command and dither of each sample; in real time it does not."""
+"""The plant node: the simulated F-16/MATV, in lockstep with those who answer its samples, or in real time."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections import Counter
 from typing import Any
 
 import numpy as np
+from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, LinearModel, StateSample
+from msls_msgs.srv import InjectFault
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.task import Future
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, LinearModel, StateSample
-from msls_msgs.srv import InjectFault
 from msls_ros import messages
 from msls_ros.estimation import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table

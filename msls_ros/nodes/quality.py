@@ -1,4 +1,4 @@
-"""Quality of service of the topics: nothing is lost on a healthy machine, and a slow reader does not stop the flight."""
+"""Quality of service of the topics: reliable, with room for two seconds of samples."""
 
 from __future__ import annotations
 

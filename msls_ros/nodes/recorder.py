@@ -7,12 +7,12 @@ from collections import Counter
 from functools import partial
 from typing import Any
 
+from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from msls_ros.bags import BagError, BagWriter
 from msls_ros.nodes.parameters import declare_table
 
