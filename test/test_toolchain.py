@@ -18,7 +18,7 @@ LOCKS = ["requirements.lock", "requirements-benchmark.lock"]
 ROOMS = {
     "estimation": {"numpy", "numba"},
     "plant": {"numpy", "jsbsim"},
-    "bags": {"numpy", "rosbags"},
+    "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},  # rosbags loses a killed bag; mcap and codecs do not
     "report": {"numpy", "matplotlib"},
 }
 JOINING = {"nodes", "commands"}
