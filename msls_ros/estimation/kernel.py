@@ -12,13 +12,13 @@ share one factor; the right-hand sides differ only by the scalar prediction erro
     S K = zs                                               back-substitution (eq 9)
     theta_q += K e_q,   e_q = y_q - phi' theta_q           (eq 11), for every row q of the group
 
-``omega`` carries both readings of eq 14: ``omega = lambda omega + w0^2`` keeps the penalty rows in the factor (the literal
-eq 14), ``omega = w0^2`` applies them at the solve only. The Householder step takes one reflection per column over
-``{S_jj, penalty rows 0..j}``: p^3/3 multiply-adds, its inner loops over contiguous rows so that they vectorise without
-reassociating a sum.
+``omega`` carries both readings of eq 14: ``omega = lambda omega + w0^2`` keeps the penalty rows in the factor (the
+literal eq 14), ``omega = w0^2`` applies them at the solve only. The Householder step takes one reflection per column
+over ``{S_jj, penalty rows 0..j}``: p^3/3 multiply-adds. S and the penalty rows are stored by columns: its inner loops
+then run over contiguous numbers, and the dot products of one reflection are chains that the processor overlaps.
 
-Why this form: the factor never squares the condition number, a reset is ``R = 0``, and the penalty needs no second path.
-The covariance of the gain sequence actually used is propagated beside it (`propagate_covariance`), because
+Why this form: the factor never squares the condition number, a reset is ``R = 0``, and the penalty needs no second
+path. The covariance of the gain sequence actually used is propagated beside it (`propagate_covariance`), because
 ``s^2 (R'R)^-1`` is not calibrated for a penalised estimate with forgetting.
 
 Everything here is explicit loops over float64 with `math.sqrt`: no BLAS, no libm beyond the square root, no fastmath.
@@ -56,11 +56,9 @@ class Work(NamedTuple):
     z: Array
     """(p,) right-hand side of R."""
     S: Array
-    """(p, p+1) penalised factor and its right-hand side."""
+    """(p+1, p) penalised factor by columns: ``S[k]`` is its column k, ``S[p]`` its right-hand side."""
     W: Array
-    """(p, p+1) penalty rows."""
-    f: Array
-    """(p+1,) reflection coefficients."""
+    """(p+1, p) penalty rows, by columns too."""
     K: Array
     """(p,) the gain."""
     g: Array
@@ -73,9 +71,9 @@ class Work(NamedTuple):
 
 def make_work(p: int, colours: int = 1) -> Work:
     """Allocate the scratch for p regressors and m colours."""
-    square = (p, p + 1)
-    z, f, K, g = np.zeros(p), np.zeros(p + 1), np.zeros(p), np.zeros(p)
-    return Work(np.zeros(p), z, np.zeros(square), np.zeros(square), f, K, g, np.zeros(colours), np.zeros(colours))
+    columns = (p + 1, p)
+    z, K, g = np.zeros(p), np.zeros(p), np.zeros(p)
+    return Work(np.zeros(p), z, np.zeros(columns), np.zeros(columns), K, g, np.zeros(colours), np.zeros(colours))
 
 
 @compiled
@@ -96,32 +94,33 @@ def rotate_in(R: Array, phi: Array, z: Array, root: float) -> None:
     p = R.shape[0]
     s = 1.0
     for j in range(p):
-        row = R[j]
         for k in range(j, p):
-            row[k] *= root
-            if abs(row[k]) < FLUSH:
-                row[k] = 0.0
+            x = R[j, k] * root
+            R[j, k] = x if abs(x) >= FLUSH else 0.0
         b = phi[j]
         if abs(b) < FLUSH:
             z[j] = 0.0
             continue
-        a = row[j]
+        a = R[j, j]
         r = math.sqrt(a * a + b * b)
         c = a / r
         t = b / r
-        row[j] = r
+        R[j, j] = r
         for k in range(j + 1, p):
-            x = row[k]
+            x = R[j, k]
             y = phi[k]
-            row[k] = c * x + t * y
+            R[j, k] = c * x + t * y
             phi[k] = c * y - t * x
         z[j] = t * s
         s = c * s
 
 
 @compiled
-def penalise(R: Array, z: Array, omega: Array, S: Array, W: Array, f: Array) -> None:
+def penalise(R: Array, z: Array, omega: Array, S: Array, W: Array) -> None:
     """Triangularise ``[R | z; diag(sqrt(omega)) | 0]`` into S by structured Householder reflections (eq 14).
+
+    Reflection j is ``I + h v v'`` over row j of S and penalty rows 0..j. When its turn comes, penalty row j still holds
+    nothing but its own entry in column j.
 
     Parameters
     ----------
@@ -130,82 +129,64 @@ def penalise(R: Array, z: Array, omega: Array, S: Array, W: Array, f: Array) -> 
     omega
         (p,) squared penalties.
     S
-        (p, p+1) out: the penalised factor, its right-hand side in the last column.
-    W, f
-        (p, p+1) and (p+1,) scratch.
+        (p+1, p) out: the penalised factor by columns, its right-hand side last.
+    W
+        (p+1, p) scratch: the penalty rows by columns.
     """
     p = R.shape[0]
     for j in range(p):
-        s_row = S[j]
-        r_row = R[j]
-        w_row = W[j]
         for k in range(j, p):
-            s_row[k] = r_row[k]
-            w_row[k] = 0.0
-        s_row[p] = z[j]
-        w_row[j] = math.sqrt(omega[j])
-        w_row[p] = 0.0
-    for j in range(p):
-        s_row = S[j]
-        x0 = s_row[j]
-        below = 0.0
-        for i in range(j + 1):
-            w = W[i, j]
-            below += w * w
-        if below == 0.0:
+            S[k, j] = R[j, k]
+        S[p, j] = z[j]
+        own = math.sqrt(omega[j])
+        below = own * own
+        for i in range(j):
+            below += W[j, i] * W[j, i]
+        if below < FLUSH * FLUSH:
+            for k in range(j + 1, p + 1):
+                W[k, j] = 0.0
             continue
-        norm = math.sqrt(x0 * x0 + below)
-        alpha = -norm if x0 >= 0.0 else norm
-        v0 = x0 - alpha
+        x = S[j, j]
+        norm = math.sqrt(x * x + below)
+        alpha = -norm if x >= 0.0 else norm
+        v0 = x - alpha
         h = -1.0 / (alpha * v0)
         for k in range(j + 1, p + 1):
-            f[k] = v0 * s_row[k]
-        for i in range(j + 1):
-            w_row = W[i]
-            v = w_row[j]
-            for k in range(j + 1, p + 1):
-                f[k] += v * w_row[k]
-        for k in range(j + 1, p + 1):
-            f[k] *= h
-            s_row[k] -= v0 * f[k]
-        for i in range(j + 1):
-            w_row = W[i]
-            v = w_row[j]
-            for k in range(j + 1, p + 1):
-                w_row[k] -= v * f[k]
-        s_row[j] = alpha
+            f = v0 * S[k, j]
+            for i in range(j):
+                f += W[j, i] * W[k, i]
+            f *= h
+            S[k, j] -= v0 * f
+            for i in range(j):
+                W[k, i] -= W[j, i] * f
+            W[k, j] = -own * f
+        S[j, j] = alpha
 
 
 @compiled
-def solve_gain(S: Array, f: Array, K: Array) -> None:
+def solve_gain(S: Array, K: Array) -> None:
     """Back-substitute ``S K = zs`` (eq 9); a pivot without information gets a zero gain and is never divided by.
 
     Parameters
     ----------
     S
-        (p, p+1) triangular factor and right-hand side.
-    f
-        (p+1,) scratch: column norms squared.
+        (p+1, p) triangular factor by columns, right-hand side last; the right-hand side is destroyed.
     K
         (p,) out: the gain.
     """
     p = K.shape[0]
-    for k in range(p):
-        f[k] = 0.0
-    for j in range(p):
-        row = S[j]
-        for k in range(j, p):
-            f[k] += row[k] * row[k]
     for j in range(p - 1, -1, -1):
-        row = S[j]
-        pivot = row[j]
-        if pivot * pivot <= PIVOT * PIVOT * f[j]:
+        square = 0.0
+        for i in range(j + 1):
+            square += S[j, i] * S[j, i]
+        pivot = S[j, j]
+        if pivot * pivot <= PIVOT * PIVOT * square:
             K[j] = 0.0
             continue
-        total = row[p]
-        for k in range(j + 1, p):
-            total -= row[k] * K[k]
-        K[j] = total / pivot
+        gain = S[p, j] / pivot
+        for i in range(j):
+            S[p, i] -= S[j, i] * gain
+        K[j] = gain
 
 
 @compiled
@@ -231,16 +212,15 @@ def msls_gain(
     work
         Scratch; ``work.K`` holds the gain afterwards, ``work.S`` the penalised factor.
     """
-    p = phi.shape[0]
-    for j in range(p):
+    for j in range(phi.shape[0]):
         work.phi[j] = phi[j]
     rotate_in(R, work.phi, work.z, math.sqrt(forgetting))
     keep = forgetting if retained else 0.0
-    for j in range(p):
+    for j in range(phi.shape[0]):
         w = factor * w0[j]
         omega[j] = keep * omega[j] + w * w
-    penalise(R, work.z, omega, work.S, work.W, work.f)
-    solve_gain(work.S, work.f, work.K)
+    penalise(R, work.z, omega, work.S, work.W)
+    solve_gain(work.S, work.K)
 
 
 @compiled
@@ -263,20 +243,28 @@ def rls_gain(C: Array, phi: Array, forgetting: float, work: Work) -> None:
     """
     p = phi.shape[0]
     g = work.g
+    K = work.K
+    multiply(C, phi, g)
     d = forgetting
     for i in range(p):
-        row = C[i]
-        total = 0.0
-        for k in range(p):
-            total += row[k] * phi[k]
-        g[i] = total
-        d += phi[i] * total
+        d += phi[i] * g[i]
     for i in range(p):
-        work.K[i] = g[i] / d
+        K[i] = g[i] / d
     for i in range(p):
-        row = C[i]
         for k in range(p):
-            row[k] = (row[k] - g[i] * g[k] / d) / forgetting
+            C[i, k] = (C[i, k] - g[i] * g[k] / d) / forgetting
+
+
+@compiled
+def multiply(P: Array, phi: Array, g: Array) -> None:
+    """Write ``P phi`` into g. P is symmetric to the last bit, so its rows serve as its columns: the loop vectorises."""
+    p = phi.shape[0]
+    for k in range(p):
+        g[k] = 0.0
+    for i in range(p):
+        x = phi[i]
+        for k in range(p):
+            g[k] += P[i, k] * x
 
 
 @compiled
@@ -285,8 +273,8 @@ def propagate_covariance(
 ) -> tuple[float, float, float]:
     """Propagate the error covariance of the gain sequence for residuals that are AR(1) with coefficient ``rho``.
 
-    With the parameter error ``t`` and the residual ``v`` of unit variance, ``e = phi' t + v`` and ``t -= K e``; the pair
-    ``(t, v)`` is Markov, so ``P = E[t t']`` and ``c = E[t v]`` propagate exactly. ``rho = 0`` gives the white case
+    With the parameter error ``t`` and the residual ``v`` of unit variance, ``e = phi' t + v`` and ``t -= K e``; the
+    pair ``(t, v)`` is Markov, so ``P = E[t t']`` and ``c = E[t v]`` propagate exactly. ``rho = 0`` gives the white case
     ``P += -K g' - g K' + (1 + d) K K'``.
 
     Parameters
@@ -313,16 +301,13 @@ def propagate_covariance(
         the next ``b``.
     """
     p = phi.shape[0]
+    multiply(P, phi, g)
     lag = b
     variance = 1.0
     a = 0.0
     for i in range(p):
-        row = P[i]
-        total = 0.0
-        for k in range(p):
-            total += row[k] * phi[k]
-        g[i] = total + c[i]
-        variance += phi[i] * (total + c[i])
+        g[i] += c[i]
+        variance += phi[i] * g[i]
         a += phi[i] * c[i]
         lag += phi[i] * u[i]
     variance += a
@@ -332,9 +317,10 @@ def propagate_covariance(
     for i in range(p):
         u[i] = half * K[i] - g[i]
     for i in range(p):
-        row = P[i]
+        ui = u[i]
+        ki = K[i]
         for k in range(p):
-            row[k] += u[i] * K[k] + K[i] * u[k]
+            P[i, k] += ui * K[k] + ki * u[k]
     for i in range(p):
         u[i] = g[i] - variance * K[i]
         c[i] = rho * (c[i] - (a + 1.0) * K[i])
@@ -348,33 +334,22 @@ def inverse_diagonal(S: Array, V: Array, out: Array) -> None:
     Parameters
     ----------
     S
-        (p, p+1) upper triangular factor (the last column is not used).
+        (p+1, p) upper triangular factor by columns (the last, its right-hand side, is not used).
     V
-        (p, p+1) scratch: the inverse of S.
+        (p+1, p) scratch: the inverse of S, by rows; within a column of it the sums are independent.
     out
         (p,) out.
     """
     p = out.shape[0]
-    for i in range(p - 1, -1, -1):
-        row = S[i]
-        v_row = V[i]
-        pivot = row[i]
-        if pivot == 0.0:
-            for k in range(i, p):
-                v_row[k] = 0.0
-            out[i] = math.inf
-            continue
-        for k in range(i + 1, p):
-            v_row[k] = 0.0
-        for m in range(i + 1, p):
-            x = row[m]
-            m_row = V[m]
-            for k in range(m, p):
-                v_row[k] -= x * m_row[k]
-        inverse = 1.0 / pivot
-        v_row[i] = inverse
-        total = inverse * inverse
-        for k in range(i + 1, p):
-            v_row[k] *= inverse
-            total += v_row[k] * v_row[k]
-        out[i] = total
+    for k in range(p):
+        pivot = S[k, k]
+        inverse = 1.0 / pivot if pivot != 0.0 else 0.0
+        for i in range(k):
+            total = 0.0
+            for m in range(i, k):
+                total += V[i, m] * S[k, m]
+            v = -total * inverse
+            V[i, k] = v
+            out[i] += v * v
+        V[k, k] = inverse
+        out[k] = inverse * inverse if pivot != 0.0 else math.inf

@@ -8,91 +8,141 @@ comparisons and for those who bring their own supervision.
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.kernel import Array, Work, make_work, msls_gain, propagate_covariance, rls_gain
+from msls_ros.estimation.kernel import Array, Work, msls_gain, propagate_covariance, rls_gain
 
 RESIDUAL_FORGETTING = 0.98
 PRIOR = 1e8
 
 
+class Memory(NamedTuple):
+    """State and scratch by name. p regressors, r rows."""
+
+    R: Array
+    """(p, p) upper triangular factor of the data; for RLS the inverse of the weighted data matrix."""
+    omega: Array
+    """(p,) squared penalties."""
+    w0: Array
+    """(p,) penalties W0."""
+    theta: Array
+    """(r, p) estimates."""
+    P: Array
+    """(p, p) see `propagate_covariance`, as c and u."""
+    c: Array
+    """(p,)"""
+    u: Array
+    """(p,)"""
+    work: Work
+
+
+VECTORS = 10
+MATRICES = 4
+
+
+def allocate(p: int, rows: int) -> Array:
+    """Allocate what `unpack` takes apart, zero: one array, for numba takes 0.05 us to accept each array of a call."""
+    return np.zeros((VECTORS + MATRICES * p + 2 + rows, p))
+
+
+def unpack(memory: Array) -> Memory:
+    """Name the parts of a block of rows of length p: vectors, then matrices, then the estimates."""
+    p = memory.shape[1]
+    m = VECTORS
+    S = m + 2 * p
+    W = S + p + 1
+    work = Work(
+        phi=memory[0],
+        z=memory[1],
+        S=memory[S:W],
+        W=memory[W : W + p + 1],
+        K=memory[2],
+        g=memory[3],
+        variance=memory[4],
+        lag=memory[5],
+    )
+    return Memory(
+        R=memory[m : m + p],
+        omega=memory[6],
+        w0=memory[7],
+        theta=memory[W + p + 1 :],
+        P=memory[m + p : S],
+        c=memory[8],
+        u=memory[9],
+        work=work,
+    )
+
+
+_unpack = compiled(unpack)
+
+
 @compiled
-def apply_gain(
-    theta: Array, phi: Array, y: Array, e: Array, squares: Array, P: Array, c: Array, u: Array, work: Work
-) -> None:
-    """Correct every row with the shared gain ``work.K`` (eq 11), and propagate the covariance.
+def all_finite(x: Array) -> bool:
+    """Whether no number of x is infinite or NaN."""
+    bad = 0
+    for i in range(x.shape[0]):
+        if not math.isfinite(x[i]):
+            bad += 1
+    return bad == 0
+
+
+@compiled
+def apply_gain(m: Memory, squares: Array, phi: Array, y: Array, e: Array) -> None:
+    """Correct every row with the shared gain ``m.work.K`` (eq 11), and propagate the covariance.
 
     Parameters
     ----------
-    theta
-        (r, p) estimates; updated.
+    m
+        State and scratch.
+    squares
+        (r + 1,) weighted sums of the normalised squared errors, and of the weights; updated.
     phi, y
         (p,) regressor and (r,) outputs.
     e
         (r,) out: prediction errors before the update.
-    squares
-        (r + 1,) weighted sums of the normalised squared errors, and of the weights; updated.
-    P, c, u
-        (p, p), (p,), (p,) see `propagate_covariance`.
-    work
-        Holds the gain; scratch.
     """
-    variance, _, _ = propagate_covariance(P, c, u, 0.0, 0.0, phi, work.K, work.g)
+    K = m.work.K
+    theta = m.theta
+    variance, _, _ = propagate_covariance(m.P, m.c, m.u, 0.0, 0.0, phi, K, m.work.g)
+    p = phi.shape[0]
     r = y.shape[0]
     squares[r] = RESIDUAL_FORGETTING * squares[r] + 1.0
     for q in range(r):
-        row = theta[q]
         error = y[q]
-        for i in range(phi.shape[0]):
-            error -= row[i] * phi[i]
-        for i in range(phi.shape[0]):
-            row[i] += work.K[i] * error
+        for i in range(p):
+            error -= theta[q, i] * phi[i]
+        for i in range(p):
+            theta[q, i] += K[i] * error
         e[q] = error
         squares[q] = RESIDUAL_FORGETTING * squares[q] + error * error / variance
 
 
 @compiled
 def msls_update(
-    R: Array,
-    omega: Array,
-    theta: Array,
-    phi: Array,
-    y: Array,
-    w0: Array,
-    forgetting: float,
-    retained: bool,
-    e: Array,
-    squares: Array,
-    P: Array,
-    c: Array,
-    u: Array,
-    work: Work,
-) -> None:
-    """One complete MSLS update; see `msls_gain` and `apply_gain`."""
-    msls_gain(R, omega, phi, w0, 1.0, forgetting, retained, work)
-    apply_gain(theta, phi, y, e, squares, P, c, u, work)
+    memory: Array, squares: Array, phi: Array, y: Array, e: Array, forgetting: float, retained: bool
+) -> bool:
+    """One complete MSLS update, see `msls_gain` and `apply_gain`; False, and nothing done, for numbers not finite."""
+    if not (all_finite(phi) and all_finite(y)):
+        return False
+    m = _unpack(memory)
+    msls_gain(m.R, m.omega, phi, m.w0, 1.0, forgetting, retained, m.work)
+    apply_gain(m, squares, phi, y, e)
+    return True
 
 
 @compiled
-def rls_update(
-    C: Array,
-    theta: Array,
-    phi: Array,
-    y: Array,
-    forgetting: float,
-    e: Array,
-    squares: Array,
-    P: Array,
-    c: Array,
-    u: Array,
-    work: Work,
-) -> None:
-    """One complete RLS update; see `rls_gain` and `apply_gain`."""
-    rls_gain(C, phi, forgetting, work)
-    apply_gain(theta, phi, y, e, squares, P, c, u, work)
+def rls_update(memory: Array, squares: Array, phi: Array, y: Array, e: Array, forgetting: float) -> bool:
+    """One complete RLS update, see `rls_gain` and `apply_gain`; False, and nothing done, for numbers not finite."""
+    if not (all_finite(phi) and all_finite(y)):
+        return False
+    m = _unpack(memory)
+    rls_gain(m.R, phi, forgetting, m.work)
+    apply_gain(m, squares, phi, y, e)
+    return True
 
 
 class _Recursive:
@@ -107,30 +157,33 @@ class _Recursive:
             message = f"forgetting factor {forgetting}; expected more than 0 and at most 1"
             raise EstimationError(message)
         self.forgetting = float(forgetting)
-        self.theta = np.zeros((rows, regressors))
-        """(rows, regressors) the estimates."""
-        self._P = np.zeros((regressors, regressors))
-        self._c, self._u = np.zeros(regressors), np.zeros(regressors)
+        self._memory = allocate(regressors, rows)
+        self._parts = unpack(self._memory)
         self._squares = np.zeros(rows + 1)
-        self._work = make_work(regressors)
+        self._shapes = (regressors,), (rows,)
+        self.theta = self._parts.theta
+        """(rows, regressors) the estimates."""
 
-    def _checked(self, phi: Array, y: Array) -> tuple[Array, Array]:
-        phi, y = np.ascontiguousarray(phi, dtype=np.float64), np.ascontiguousarray(y, dtype=np.float64)
-        rows, p = self.theta.shape
-        if phi.shape != (p,) or y.shape != (rows,):
+    def _checked(self, phi: Array, y: Array) -> tuple[Array, Array, Array]:
+        """Return regressor and outputs as the compiled update takes them, and room for the prediction errors."""
+        phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
+        if (phi.shape, y.shape) != self._shapes:
+            (p,), (rows,) = self._shapes
             message = f"regressor of shape {phi.shape} and outputs of shape {y.shape}; expected ({p},) and ({rows},)"
             raise EstimationError(message)
-        if not (math.isfinite(phi.sum()) and math.isfinite(y.sum())):
-            message = "regressor or outputs hold a number that is not finite; expected finite numbers"
-            raise EstimationError(message)
-        return phi, y
+        return phi, y, np.empty(self._shapes[1])
+
+    @staticmethod
+    def _not_finite() -> EstimationError:
+        message = "regressor or outputs hold a number that is not finite; expected finite numbers"
+        return EstimationError(message)
 
     def standard_errors(self) -> Array:
         """Standard errors of the estimates, for white residuals: (rows, regressors); infinite before any data."""
         rows, p = self.theta.shape
         if self._squares[rows] == 0.0:
             return np.full((rows, p), math.inf)
-        variance = self._squares[:rows, None] / self._squares[rows] * np.maximum(np.diagonal(self._P), 0.0)
+        variance = self._squares[:rows, None] / self._squares[rows] * np.maximum(np.diagonal(self._parts.P), 0.0)
         errors: Array = np.sqrt(variance)
         return errors
 
@@ -160,16 +213,18 @@ class MSLS(_Recursive):
     ) -> None:
         """Start with no data and zero estimates; see the class."""
         super().__init__(regressors, rows, forgetting)
-        self.w0 = np.array(np.broadcast_to(np.asarray(w0, dtype=np.float64), (regressors,)))
+        self.w0 = self._parts.w0
+        """(p,) penalties W0."""
+        self.w0[:] = w0
         if not (np.isfinite(self.w0).all() and (self.w0 >= 0.0).all()):
             message = f"penalty {self.w0}; expected finite numbers, 0 or more"
             raise EstimationError(message)
         self.retained = bool(retained)
-        self.R = np.zeros((regressors, regressors))
+        self.R = self._parts.R
         """(p, p) upper triangular factor of the data."""
-        self.omega = np.zeros(regressors)
+        self.omega = self._parts.omega
         """(p,) squared penalties."""
-        self._P += np.diag([1e4 / w**2 if w > 0.0 else PRIOR for w in self.w0])
+        self._parts.P[:] = np.diag([1e4 / w**2 if w > 0.0 else PRIOR for w in self.w0])
 
     def update(self, phi: Array, y: Array) -> Array:
         """Take one sample; return the prediction errors before it (eq 11).
@@ -184,12 +239,9 @@ class MSLS(_Recursive):
         EstimationError
             For wrong shapes or numbers that are not finite; nothing has changed then.
         """
-        phi, y = self._checked(phi, y)
-        e = np.empty(len(y))
-        msls_update(
-            self.R, self.omega, self.theta, phi, y, self.w0, self.forgetting, self.retained, e,
-            self._squares, self._P, self._c, self._u, self._work,
-        )  # fmt: skip
+        phi, y, e = self._checked(phi, y)
+        if not msls_update(self._memory, self._squares, phi, y, e, self.forgetting, self.retained):
+            raise self._not_finite()
         return e
 
 
@@ -214,13 +266,14 @@ class RLS(_Recursive):
     def __init__(self, regressors: int, rows: int, forgetting: float, prior: float = PRIOR) -> None:
         """Start with the prior and zero estimates; see the class."""
         super().__init__(regressors, rows, forgetting)
-        self.C = np.eye(regressors) * prior
+        self.C = self._parts.R
         """(p, p) inverse of the weighted data matrix."""
-        self._P += np.eye(regressors) * prior
+        self.C[:] = np.eye(regressors) * prior
+        self._parts.P[:] = np.eye(regressors) * prior
 
     def update(self, phi: Array, y: Array) -> Array:
         """Take one sample; as `MSLS.update`."""
-        phi, y = self._checked(phi, y)
-        e = np.empty(len(y))
-        rls_update(self.C, self.theta, phi, y, self.forgetting, e, self._squares, self._P, self._c, self._u, self._work)
+        phi, y, e = self._checked(phi, y)
+        if not rls_update(self._memory, self._squares, phi, y, e, self.forgetting):
+            raise self._not_finite()
         return e
