@@ -8,7 +8,8 @@ from setuptools import setup
 
 NAME = "msls_ros"
 ROOMS = ["estimation", "plant", "bags", "report", "nodes", "commands"]
-EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo"]  # each is msls_ros/commands/NAME.py with a main()
+# Each is msls_ros/commands/NAME.py with a main().
+EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "paper"]
 
 
 def data_files(*folders: str) -> list[tuple[str, list[str]]]:
