@@ -140,6 +140,21 @@ class RecoveryParameters:
 
 
 @dataclass(frozen=True)
+class IsolationParameters:
+    """When a change is attributed to one effector or state."""
+
+    significance: float = parameter(
+        4.0, "least deviation of the column that changed", unit="sigma", low=0.0, high=100.0
+    )
+    explained: float = parameter(0.7, "least share of the change that the changed columns explain", low=0.0, high=1.0)
+    largest_error: float = parameter(0.06, "largest standard error of the effectiveness", low=0.0, high=10.0)
+    least_samples: int = parameter(
+        5, "samples, beyond one per regressor, before anything is said", unit="samples", low=1, high=10000
+    )
+    window: float = parameter(2.0, "time after the alarm in which it is tried", unit="s", low=0.0, high=3600.0)
+
+
+@dataclass(frozen=True)
 class ReliabilityParameters:
     """When a number is published as reliable."""
 
@@ -220,6 +235,7 @@ class Configuration:
     estimator: EstimatorParameters = EstimatorParameters()
     detector: DetectorParameters = DetectorParameters()
     recovery: RecoveryParameters = RecoveryParameters()
+    isolation: IsolationParameters = IsolationParameters()
     reliability: ReliabilityParameters = ReliabilityParameters()
     dither: DitherParameters = DitherParameters()
 

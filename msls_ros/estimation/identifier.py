@@ -18,11 +18,12 @@ from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent, Flags
+from msls_ros.estimation.estimate import Estimate, FaultEvent, Flags
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, known_terms
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
 from msls_ros.estimation.rows import COLOURS, Settings
+from msls_ros.estimation.supervision import Supervisor
 
 
 class Identifier:
@@ -43,6 +44,7 @@ class Identifier:
         self._forces = np.array([known[s] for s in "uvw"], np.int64)
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
+        self._supervisor = Supervisor(c)
         self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
         self._enabled = True
         warn_if_interpreted(len(c.regressors), len(c.rows))
@@ -52,9 +54,9 @@ class Identifier:
         """Forget everything: estimates, factor, detector, dither sequence."""
         self._regression.reset()
         self._law.reset()
+        self._supervisor.reset()
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
-        self.alarms = 0
 
     def configure(self, changes: Mapping[str, Any]) -> None:
         """Change parameters in flight, by their full names; what has been learnt stays.
@@ -68,8 +70,14 @@ class Identifier:
         self.check_change(configuration)
         self.configuration = configuration
         self._law.configure(self.configuration)
+        self._supervisor.configure(self.configuration)
         self._regression.settings = _settings(self.configuration)
         self._regression.weights = self._law.weights
+
+    @property
+    def alarms(self) -> int:
+        """Alarms since the last reset."""
+        return self._supervisor.alarms
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -141,16 +149,17 @@ class Identifier:
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         done = 0
         while done < count:
-            taken, out = self._regression.advance(phi[done:], y[done:])
+            stop = done + 1 if self._supervisor.watching else count
+            taken, out = self._regression.advance(phi[done:stop], y[done:stop])
             for k in range(taken):
                 alarm = k == taken - 1 and bool(out.alarm[k].any())
-                self._dither = self._law.command(
-                    float(time[done + k]), out.effect[k], float(out.excitation[k]), alarm, delta[done + k]
-                )
+                now = float(time[done + k])
+                self._dither = self._law.command(now, out.effect[k], float(out.excitation[k]), alarm, delta[done + k])
                 if alarm:
-                    self._alarm(float(time[done + k]), out.statistic[k], out.alarm[k])
-            self._error, self._statistic = out.e[taken - 1], out.statistic[taken - 1]
+                    self._events.append(self._supervisor.alarm(now, out.statistic[k], out.alarm[k]))
             done += taken
+            self._events += self._supervisor.follow(float(time[done - 1]), self._regression)
+            self._error, self._statistic = out.e[taken - 1], out.statistic[taken - 1]
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)
@@ -161,24 +170,6 @@ class Identifier:
             if not np.isfinite(array).all():
                 message = f"{name} holds a number that is not finite; expected finite numbers"
                 raise EstimationError(message)
-
-    def _alarm(self, time: float, statistic: Array, alarm: Integers) -> None:
-        self.alarms += 1
-        offset = _offset(self.configuration)
-        found = [q for q in range(len(alarm)) if alarm[q]]
-        names = tuple(self.configuration.rows[q] for q in found)
-        threshold = self.configuration.detector.threshold
-        text = f"abrupt change in {', '.join(f'd{n}/dt' for n in names)}: the prediction error jumped at {time:.3f} s"
-        self._events.append(
-            FaultEvent(
-                time,
-                EventKind.DETECTED,
-                names,
-                tuple(float(statistic[q]) - offset for q in found),
-                (threshold,) * len(found),
-                description=text,
-            )
-        )
 
     def estimate(self, time: float, x: Array) -> Estimate:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
@@ -217,7 +208,7 @@ class Identifier:
             forgetting_factor=forgetting,
             samples=int(s.state.samples[0]),
             prediction_error=self._error.copy(),
-            statistic=np.where(self._statistic > 0.0, self._statistic - _offset(c), 0.0),
+            statistic=self._supervisor.statistic(self._statistic),
             events=events,
             dither=self._dither,
         )
@@ -236,11 +227,6 @@ def _two(array: Array) -> Array:
 
 def _nothing_known(n: int) -> tuple[Array, Array, Any]:
     return np.zeros((n, n)), np.zeros(n), np.zeros((n, n), np.bool_)
-
-
-def _offset(c: Configuration) -> float:
-    """What the loop's short/long exceeds the published statistic by: eq 19 subtracts the mean."""
-    return 0.0 if c.detector.mode == "ratio" else 1.0
 
 
 def _settings(c: Configuration) -> Settings:
@@ -268,7 +254,7 @@ def _settings(c: Configuration) -> Settings:
         normalised=d.mode == "normalised",
         window=d.window,
         short=d.short if d.mode == "ratio" else 1,
-        threshold=d.threshold + _offset(c),
+        threshold=d.threshold + (0.0 if d.mode == "ratio" else 1.0),
         floor_absolute=np.array(d.floor_absolute or (0.0,) * len(c.rows)),
         floor_relative=d.floor_relative,
         floor_model=d.floor_model,

@@ -108,6 +108,8 @@ def apply_gain(m: Memory, squares: Array, phi: Array, y: Array, e: Array) -> Non
     K = m.work.K
     theta = m.theta
     variance, _, _ = propagate_covariance(m.P, m.c, m.u, 0.0, 0.0, phi, K, m.work.g)
+    if variance < 1.0:  # rounding, while P is still as large as its prior
+        variance = 1.0
     p = phi.shape[0]
     r = y.shape[0]
     squares[r] = RESIDUAL_FORGETTING * squares[r] + 1.0

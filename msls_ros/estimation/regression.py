@@ -15,7 +15,7 @@ from msls_ros.estimation import uncertainty
 from msls_ros.estimation.kernel import Array, Integers, make_work
 from msls_ros.estimation.rows import COLOURS, Output, Settings
 
-PRIOR_MSLS = 1e4
+PRIOR_MSLS = 1e2
 PRIOR_RLS = 1e8
 
 

@@ -113,6 +113,12 @@ class State(NamedTuple):
     """(r, m, 3) weighted sums: normalised e^2, e e_last, predicted e e_last."""
     last: Array
     """(g, m) square root of the last predicted variance."""
+    pending: Integers
+    """(r,) 1 from an alarm of the row until it is settled what changed."""
+    theta_before: Array
+    """(r, p) the estimates before that alarm."""
+    P_before: Array
+    """(r, m, p, p) their covariance over residual variance."""
     y_ms: Array
     """(r,) slow mean square of the outputs."""
     phi_ms: Array
@@ -160,6 +166,9 @@ def make_state(settings: Settings, rows: int) -> State:
         weight=np.zeros((rows, 2)),
         colour=np.zeros((rows, m, 3)),
         last=np.zeros((g, m)),
+        pending=np.zeros(rows, np.int64),
+        theta_before=np.zeros((rows, p)),
+        P_before=np.zeros((rows, m, p, p)),
         y_ms=np.zeros(rows),
         phi_ms=np.zeros(p),
         samples=np.zeros(1, np.int64),
@@ -199,6 +208,7 @@ def clear(s: Settings, x: State) -> None:
     for q in range(x.theta.shape[0]):
         x.group[q] = 0
         x.filled[q] = 0
+        x.pending[q] = 0
         x.hold[q] = s.hold_off
         x.e[q] = math.nan
         x.y_ms[q] = 0.0
@@ -286,8 +296,20 @@ def error_floor(s: Settings, x: State, q: int, phi: Array) -> float:
 
 @compiled
 def split(s: Settings, x: State, alarm: Integers) -> None:
-    """Take the alarmed rows out of their groups into one empty group that knows nothing (recovery after eq 19)."""
+    """Take the alarmed rows out of their groups into one empty group that knows nothing (recovery after eq 19).
+
+    What was known before the first alarm of a row is kept for `isolation`.
+    """
+    p = x.theta.shape[1]
     target = 0
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0 and x.pending[q] == 0:
+            x.pending[q] = 1
+            for i in range(p):
+                x.theta_before[q, i] = x.theta[q, i]
+                for m in range(s.colours.shape[0]):
+                    for k in range(p):
+                        x.P_before[q, m, i, k] = x.P[x.group[q], m, i, k]
     for g in range(1, x.age.shape[0]):
         members = 0
         for q in range(alarm.shape[0]):

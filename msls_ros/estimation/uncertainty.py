@@ -55,15 +55,22 @@ def colour_weights(state: State, row: int) -> Array:
     return weights
 
 
+def residual_variances(state: State, row: int) -> Array:
+    """Variance of a row's residual under each colour: (m,) [output^2]; NaN before there is any data.
+
+    Coloured residuals repeat themselves: their variance is taken over the longer memory of the colour.
+    """
+    short, long = state.weight[row]
+    variances = state.residual[row] / short if short > 0.0 else np.full(state.residual.shape[1], math.nan)
+    if long > 0.0:
+        variances[1:] = state.colour[row, 1:, 0] / long
+    result: Array = variances
+    return result
+
+
 def residual_deviation(state: State, row: int) -> float:
     """Standard deviation of a row's residual [output]; NaN before there is any data."""
-    weight = state.weight[row, 0]
-    if weight <= 0.0:
-        return math.nan
-    total = 0.0
-    for share, square in zip(colour_weights(state, row), state.residual[row], strict=True):
-        total += share * square
-    return math.sqrt(total / weight)
+    return math.sqrt(_mean(colour_weights(state, row), residual_variances(state, row)))
 
 
 def standard_errors(state: State, row: int) -> Array:
@@ -77,12 +84,22 @@ def standard_errors(state: State, row: int) -> Array:
         Identified row.
     """
     p = state.theta.shape[1]
-    weight = state.weight[row, 0]
-    if weight <= 0.0:
+    if state.weight[row, 0] <= 0.0:
         return np.full(p, math.inf)
     group = state.group[row]
     variance = np.zeros(p)
+    variances = residual_variances(state, row)
     for i, share in enumerate(colour_weights(state, row)):
         if share > 0.0:
-            variance += share * state.residual[row, i] / weight * np.diagonal(state.P[group, i])
-    return np.sqrt(np.maximum(variance, 0.0))
+            variance += share * variances[i] * np.diagonal(state.P[group, i])
+    errors: Array = np.sqrt(np.maximum(variance, 0.0))
+    return errors
+
+
+def _mean(weights: Array, values: Array) -> float:
+    """Weighted mean with plain sums; a value without weight does not count."""
+    total = 0.0
+    for weight, value in zip(weights.tolist(), values.tolist(), strict=True):
+        if weight > 0.0:
+            total += weight * value
+    return total

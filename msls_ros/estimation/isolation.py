@@ -1,0 +1,198 @@
+"""Isolation: which effector's (or state's) column changed at an alarm, and to what fraction of its old effect.
+
+After an alarm the row starts again from nothing, so its new estimate and the one before the alarm are two measurements
+with known covariances. Under the hypothesis that only the columns of a set F changed, by c, their difference ``D`` is
+``N(E_F c, S)`` with ``S = s^2 (P_before + P_since)``; with ``W = S^-1``::
+
+    c = (W_FF)^-1 (W D)_F        covariance (W_FF)^-1        explained: (W D)_F' c  of  D' W D
+
+The set grows one column at a time from the constant alone, which always changes with the trim, until it explains most
+of the difference: a lost stabilator changes two columns of the rolling moment. That the other columns stayed as they
+were makes this far sharper than the difference of two numbers. An effector is named when its change is significant, its
+old effect was known, and what is left of it is plausible and known well enough.
+
+References
+----------
+Basseville and Nikiforov, *Detection of Abrupt Changes*, 1993, section 7.2.5 (generalised likelihood ratio, isolation).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+LARGEST_SET = 3
+"""Columns, beside the constant, that one change may touch in one row."""
+PLAUSIBLE = (-0.3, 1.3)
+"""Range of what damage may leave of an effect [1]."""
+
+
+@dataclass(frozen=True)
+class Suspect:
+    """A column that changed in one row."""
+
+    column: int
+    statistic: float
+    """Change over its standard error [1]."""
+    effectiveness: float
+    """Now over before [1]."""
+    effectiveness_std: float
+
+
+@compiled
+def invert(matrix: Array, inverse: Array) -> bool:
+    """Invert a symmetric positive definite matrix by Cholesky; False where it is not positive definite.
+
+    Parameters
+    ----------
+    matrix
+        (p, p); its lower triangle is read.
+    inverse
+        (p, p) out.
+    """
+    p = matrix.shape[0]
+    L = np.zeros((p, p))
+    for i in range(p):
+        for j in range(i + 1):
+            total = matrix[i, j]
+            for k in range(j):
+                total -= L[i, k] * L[j, k]
+            if j < i:
+                L[i, j] = total / L[j, j]
+            elif total > 0.0:
+                L[i, i] = math.sqrt(total)
+            else:
+                return False
+    V = np.zeros((p, p))
+    for j in range(p):
+        for i in range(j, p):
+            total = 1.0 if i == j else 0.0
+            for k in range(j, i):
+                total -= L[i, k] * V[k, j]
+            V[i, j] = total / L[i, i]
+    for i in range(p):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, p):
+                total += V[k, i] * V[k, j]
+            inverse[i, j] = total
+            inverse[j, i] = total
+    return True
+
+
+@compiled
+def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: Array) -> float:
+    """Joint change of the chosen columns, the others unchanged; return how much of ``D' W D`` it explains, or -1.
+
+    Parameters
+    ----------
+    W, WD
+        (p, p) inverse covariance of the difference and (p,) its product with the difference.
+    chosen
+        (f,) columns, as floats.
+    change, covariance
+        (f,) and (f, f) out.
+    """
+    f = chosen.shape[0]
+    block = np.zeros((f, f))
+    for i in range(f):
+        for j in range(f):
+            block[i, j] = W[int(chosen[i]), int(chosen[j])]
+    if not invert(block, covariance):
+        return -1.0
+    explained = 0.0
+    for i in range(f):
+        total = 0.0
+        for j in range(f):
+            total += covariance[i, j] * WD[int(chosen[j])]
+        change[i] = total
+        explained += total * WD[int(chosen[i])]
+    return explained
+
+
+def suspects(
+    covariance: Array,
+    before: Array,
+    before_std: Array,
+    since: Array,
+    candidates: Sequence[int],
+    *,
+    significance: float,
+    explained: float,
+    largest_error: float,
+) -> list[Suspect]:
+    """Return the columns of one row that changed for certain, the most significant first; none: an empty list.
+
+    Parameters
+    ----------
+    covariance
+        (p, p) of ``since - before``.
+    before, before_std, since
+        (p,) estimates of one row before and since the alarm, and the standard errors before it.
+    candidates
+        Columns that may be named; the last column is the constant.
+    significance
+        Least change over its standard error [1].
+    explained
+        Least share of the whole difference that the changed columns explain [1].
+    largest_error
+        Largest standard error of the effectiveness [1].
+    """
+    p = len(before)
+    scale = np.sqrt(np.diagonal(covariance))
+    if not (np.isfinite(covariance).all() and (scale > 0.0).all()):
+        return []
+    W = np.zeros((p, p))
+    difference = (since - before) / scale
+    if not invert(covariance / scale[:, None] / scale, W):
+        return []
+    WD = np.array([_dot(row, difference) for row in W])
+    chosen, change, errors, share = _grow(W, WD, _dot(WD, difference), significance, explained)
+    if share < explained:
+        return []
+    found = []
+    for j, c, error in zip(chosen[1:], change[1:], errors[1:], strict=True):
+        known = abs(before[j]) >= significance * before_std[j] and before[j] != 0.0
+        if j not in candidates or not known or abs(c) < significance * error:
+            continue
+        ratio, ratio_std = 1.0 + c * scale[j] / before[j], error * scale[j] / abs(before[j])
+        if PLAUSIBLE[0] <= ratio <= PLAUSIBLE[1] and ratio_std <= largest_error:
+            found.append(Suspect(j, abs(c) / error, float(ratio), float(ratio_std)))
+    return sorted(found, key=lambda s: -s.statistic)
+
+
+def _grow(
+    W: Array, WD: Array, total: float, significance: float, enough: float
+) -> tuple[list[int], list[float], list[float], float]:
+    """Add the column that explains most, one at a time; return columns, changes, their errors, and the share
+    explained.""" p = len(WD) chosen = [p - 1] share, change, errors = 0.0, [0.0], [1.0] base, _, _ = _explained(W, WD,
+    chosen) for _ in range(LARGEST_SET):
+        trials = [(_explained(W, WD, [*chosen, j]), j) for j in range(p - 1) if j not in chosen]
+        (best, c, e), j = max(trials, key=lambda trial: (trial[0][0], -trial[1]))
+        if best - base < significance**2:
+            break
+        chosen, change, errors, share = [*chosen, j], c, e, best / total if total > 0.0 else 0.0
+        base = best
+        if share >= 0.5 * (1.0 + enough):
+            break
+    return chosen, change, errors, share
+
+
+def _explained(W: Array, WD: Array, chosen: list[int]) -> tuple[float, list[float], list[float]]:
+    f = len(chosen)
+    change, covariance = np.zeros(f), np.zeros((f, f))
+    value = joint_change(W, WD, np.array(chosen, dtype=np.float64), change, covariance)
+    return value, change.tolist(), [math.sqrt(max(v, 0.0)) or math.inf for v in np.diagonal(covariance).tolist()]
+
+
+def _dot(a: Array, b: Array) -> float:
+    total = 0.0
+    for x, y in zip(a.tolist(), b.tolist(), strict=True):
+        total += x * y
+    return total

@@ -1,0 +1,144 @@
+"""What follows an alarm: events when the change is isolated and when the equations have recovered."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.estimate import EventKind, FaultEvent
+from msls_ros.estimation.isolation import Suspect, suspects
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regression import Regression
+from msls_ros.estimation.uncertainty import colour_weights, residual_variances
+
+
+class Supervisor:
+    """Turn alarms into events, and watch the rows concerned until they are isolated and recovered.
+
+    Parameters
+    ----------
+    configuration
+        Names, thresholds and limits.
+    """
+
+    def __init__(self, configuration: Configuration) -> None:
+        """Watch nothing yet; see the class."""
+        self.configure(configuration)
+        self.reset()
+
+    def configure(self, configuration: Configuration) -> None:
+        """Take over changed parameters."""
+        self._c = configuration
+        self._offset = 0.0 if configuration.detector.mode == "ratio" else 1.0
+
+    def reset(self) -> None:
+        """Forget all alarms."""
+        self.alarms = 0
+        """Alarms since the reset."""
+        self._isolating: dict[int, float] = {}
+        self._recovering: set[int] = set()
+
+    @property
+    def watching(self) -> bool:
+        """Whether `follow` has anything to do."""
+        return bool(self._isolating or self._recovering)
+
+    def statistic(self, raw: Array) -> Array:
+        """Return the published statistic: eq 19 subtracts the mean, the loop's short/long does not; 0: not armed."""
+        return np.where(raw > 0.0, raw - self._offset, 0.0)
+
+    def alarm(self, time: float, statistic: Array, alarm: Integers) -> FaultEvent:
+        """Return the event of an alarm and watch its rows.
+
+        Parameters
+        ----------
+        time
+            Of the sample [s].
+        statistic, alarm
+            (r,) of the sample.
+        """
+        self.alarms += 1
+        found = [q for q in range(len(alarm)) if alarm[q]]
+        for q in found:
+            self._isolating.setdefault(q, time)
+            self._recovering.add(q)
+        names = tuple(self._c.rows[q] for q in found)
+        values = tuple(float(statistic[q]) - self._offset for q in found)
+        equations = ", ".join(f"d{n}/dt" for n in names)
+        text = f"abrupt change in {equations}: the prediction error jumped at {time:.3f} s"
+        limits = (self._c.detector.threshold,) * len(found)
+        return FaultEvent(time, EventKind.DETECTED, names, values, limits, description=text)
+
+    def follow(self, time: float, regression: Regression) -> list[FaultEvent]:
+        """Return what the sample at ``time`` says of the alarms that are watched."""
+        return [*self._isolate(time, regression), *self._recover(time, regression)]
+
+    def _isolate(self, time: float, regression: Regression) -> list[FaultEvent]:
+        """Name what changed, for every row for which it is clear by now; give up after the window."""
+        found: dict[int, list[tuple[int, Suspect]]] = {}
+        for q, since in sorted(self._isolating.items()):
+            named = self._suspects(regression, q)
+            for suspect in named[:1]:
+                found.setdefault(suspect.column, []).append((q, suspect))
+            if named or time - since > self._c.isolation.window:
+                del self._isolating[q]
+                regression.state.pending[q] = 0
+        return [self._isolated(time, column, each) for column, each in sorted(found.items())]
+
+    def _suspects(self, regression: Regression, q: int) -> list[Suspect]:
+        """Return the columns that changed in row q: effectors, or else states, within the limits."""
+        state, limits, p = regression.state, self._c.isolation, regression.theta.shape[1]
+        group = state.group[q]
+        if state.age[group] < p + limits.least_samples:
+            return []
+        variances = residual_variances(state, q)
+        before, since = np.zeros((p, p)), np.zeros((p, p))
+        for m, share in enumerate(colour_weights(state, q)):
+            if share > 0.0:
+                before += share * variances[m] * state.P_before[q, m]
+                since += share * variances[m] * state.P[group, m]
+        first = len(self._c.rows)
+        for candidates in (range(first, p - 1), range(first)):
+            named = suspects(
+                before + since,
+                state.theta_before[q],
+                np.sqrt(np.maximum(np.diagonal(before), 0.0)),
+                state.theta[q],
+                candidates,
+                significance=limits.significance,
+                explained=limits.explained,
+                largest_error=limits.largest_error,
+            )
+            if named:
+                return named
+        return []
+
+    def _isolated(self, time: float, column: int, named: list[tuple[int, Suspect]]) -> FaultEvent:
+        """Return the event for one column, its effectiveness averaged over the rows that name it."""
+        weights = [1.0 / max(s.effectiveness_std, 1e-12) ** 2 for _, s in named]
+        effectiveness = sum(w * s.effectiveness for w, (_, s) in zip(weights, named, strict=True)) / sum(weights)
+        error = 1.0 / math.sqrt(sum(weights))
+        name = self._c.regressors[column]
+        rows = tuple(self._c.rows[q] for q, _ in named)
+        kind = "effector" if name in self._c.effectors else "state"
+        text = (
+            f"the {kind} {name} has {effectiveness:.2f} +- {error:.2f} of its effect on "
+            f"{', '.join(f'd{r}/dt' for r in rows)} since the alarm"
+        )
+        statistics = tuple(s.statistic for _, s in named)
+        limits = (self._c.isolation.significance,) * len(named)
+        return FaultEvent(time, EventKind.ISOLATED, rows, statistics, limits, name, effectiveness, error, text)
+
+    def _recover(self, time: float, regression: Regression) -> list[FaultEvent]:
+        """Return the event of the rows whose penalty has ramped back to normal."""
+        state = regression.state
+        settled = 4 * state.theta.shape[1]
+        done = sorted(q for q in self._recovering if state.group[q] == 0 or state.age[state.group[q]] >= settled)
+        if not done:
+            return []
+        self._recovering.difference_update(done)
+        rows = tuple(self._c.rows[q] for q in done)
+        text = f"{', '.join(f'd{r}/dt' for r in rows)}: the estimate is back at its normal settings"
+        return [FaultEvent(time, EventKind.RECOVERED, rows, (), (), description=text)]
