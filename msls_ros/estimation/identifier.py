@@ -19,7 +19,7 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent, Flags
-from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression, known_terms
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
 from msls_ros.estimation.rows import COLOURS, Settings

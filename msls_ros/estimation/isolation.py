@@ -170,9 +170,12 @@ def suspects(
 def _grow(
     W: Array, WD: Array, total: float, significance: float, enough: float
 ) -> tuple[list[int], list[float], list[float], float]:
-    """Add the column that explains most, one at a time; return columns, changes, their errors, and the share
-    explained.""" p = len(WD) chosen = [p - 1] share, change, errors = 0.0, [0.0], [1.0] base, _, _ = _explained(W, WD,
-    chosen) for _ in range(LARGEST_SET):
+    """Add the column that explains most, one at a time; return columns, changes, their errors, the share explained."""
+    p = len(WD)
+    chosen = [p - 1]
+    share, change, errors = 0.0, [0.0], [1.0]
+    base, _, _ = _explained(W, WD, chosen)
+    for _ in range(LARGEST_SET):
         trials = [(_explained(W, WD, [*chosen, j]), j) for j in range(p - 1) if j not in chosen]
         (best, c, e), j = max(trials, key=lambda trial: (trial[0][0], -trial[1]))
         if best - base < significance**2:
