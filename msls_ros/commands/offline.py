@@ -89,4 +89,4 @@ def _pair(flight: Flight, gate: Synchronizer) -> Iterator[PairedSample]:
 
 def identify(samples: Samples, configuration: Configuration) -> list[Estimate]:
     """Return the estimate after every sample."""
-    return Identifier(configuration).run(samples.time, samples.x, samples.xdot, samples.delta)
+    return Identifier(configuration).run(samples.time, samples.x, samples.xdot, samples.delta).estimates

@@ -19,12 +19,13 @@ from __future__ import annotations
 import enum
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
 
 BLOCK = 1024
@@ -57,8 +58,66 @@ class Dither:
     reason: str
 
 
+REASONS = (
+    "dither is disabled",
+    "no sample for longer than dither.stale_after",
+    "B is not finite",
+    "capped while B is not excited",
+    "capped by dither.cap",
+    "eq 23",
+)
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23 = range(len(REASONS))
+
+
+class DitherBlock(NamedTuple):
+    """The dithers that answer n samples, m effectors."""
+
+    delta: Array
+    """(n, m) what to add to the commands [rad]."""
+    rms: Array
+    predicted_acceleration: Array
+    acceleration_limit: Array
+    level: Integers
+    reason: Integers
+    """(n,) index into `REASONS`."""
+
+    def at(self, k: int) -> Dither:
+        """Return the dither that answers sample k."""
+        return Dither(
+            self.delta[k],
+            float(self.rms[k]),
+            float(self.predicted_acceleration[k]),
+            float(self.acceleration_limit[k]),
+            Level(int(self.level[k])),
+            REASONS[int(self.reason[k])],
+        )
+
+
+class Law(NamedTuple):
+    """What the compiled law needs to know."""
+
+    enabled: bool
+    limit_nominal: float
+    limit_boosted: float
+    """[g]"""
+    boost_duration: float
+    stale_after: float
+    """[s]"""
+    cap: float
+    cap_unreliable: float
+    """Common rms [rad]."""
+    excitation: float
+    forward: float
+    above: float
+    """Pilot [m]."""
+    rows: Integers
+    """(6,) index of u, v, w, P, Q, R among the rows; negative where absent."""
+    limits: Array
+    """(m, 8) per effector, see `shape_noise`."""
+
+
 @compiled
-def pilot_acceleration(effect: Array, rows: Array, forward: float, above: float) -> float:
+def pilot_acceleration(effect: Array, rows: Integers, forward: float, above: float) -> float:
     """Worst-case rms acceleration at the pilot per rms of the surfaces, the square root of eq 23 [m/s^2/rad].
 
     Parameters
@@ -70,13 +129,16 @@ def pilot_acceleration(effect: Array, rows: Array, forward: float, above: float)
     forward, above
         l1 and l2, the pilot ahead of and above the centre of mass [m].
     """
-    b = np.zeros(6)
-    for i in range(6):
-        if rows[i] >= 0.0:
-            b[i] = effect[int(rows[i])]
-    lateral = b[1] + above * b[3] + forward * b[5]
-    normal = b[2] + forward * b[4]
-    return math.sqrt(b[0] * b[0] + lateral * lateral + normal * normal)
+    axial = effect[rows[0]] if rows[0] >= 0 else 0.0
+    lateral = effect[rows[1]] if rows[1] >= 0 else 0.0
+    normal = effect[rows[2]] if rows[2] >= 0 else 0.0
+    if rows[3] >= 0:
+        lateral += above * effect[rows[3]]
+    if rows[5] >= 0:
+        lateral += forward * effect[rows[5]]
+    if rows[4] >= 0:
+        normal += forward * effect[rows[4]]
+    return math.sqrt(axial * axial + lateral * lateral + normal * normal)
 
 
 @compiled
@@ -113,8 +175,90 @@ def shape_noise(
         out[j] = command
 
 
+@compiled
+def choose_rms(law: Law, unit: float, excitation: float, boosted: bool) -> tuple[float, int]:
+    """Largest common rms of the surfaces that keeps every limit (eq 23) [rad], and which limit binds.
+
+    Parameters
+    ----------
+    law
+        Limits.
+    unit
+        Worst-case acceleration at the pilot per rms of the surfaces [g/rad].
+    excitation
+        Least excitation of an effector's column [1].
+    boosted
+        An alarm was a short time ago.
+    """
+    if not math.isfinite(unit):
+        return 0.0, NOT_FINITE
+    limit = law.limit_boosted if boosted else law.limit_nominal
+    rms, why = law.cap, CAPPED
+    if excitation < law.excitation:
+        raised = limit / law.limit_nominal if law.limit_nominal > 0.0 else 1.0
+        if law.cap_unreliable * raised < rms:
+            rms, why = law.cap_unreliable * raised, NOT_EXCITED
+    if unit * rms > limit:
+        rms, why = limit / unit, EQUATION_23
+    return rms, why
+
+
+@compiled
+def inject(
+    law: Law,
+    time: Array,
+    effect: Array,
+    excitation: Array,
+    alarm: Integers,
+    delta: Array,
+    noise: Array,
+    clock: Array,
+    sequence: Array,
+    surface: Array,
+    out: DitherBlock,
+) -> None:
+    """Fill ``out`` with the dithers that answer n samples.
+
+    Parameters
+    ----------
+    law
+        Limits.
+    time, effect, excitation, alarm, delta, noise
+        Per sample: time [s], (n, r) effect of the effectors per row, least excitation, alarms per row (n, r), measured
+        deflections [rad], unit-rms noise.
+    clock
+        (2,) state: time of the last sample, end of the boost [s].
+    sequence, surface
+        (m,) state, see `shape_noise`.
+    out
+        Per sample.
+    """
+    for k in range(time.shape[0]):
+        gap = time[k] - clock[0]
+        clock[0] = time[k]
+        for q in range(alarm.shape[1]):
+            if alarm[k, q] != 0:
+                clock[1] = time[k] + law.boost_duration
+        stale = math.isfinite(gap) and gap > law.stale_after
+        if stale or not law.enabled:
+            out.level[k] = 3 if law.enabled else 0
+            out.reason[k] = GAP if law.enabled else DISABLED
+            for j in range(surface.shape[0]):
+                surface[j] *= law.limits[j, 3]
+            continue
+        boosted = time[k] < clock[1]
+        unit = pilot_acceleration(effect[k], law.rows, law.forward, law.above) / GRAVITY
+        rms, why = choose_rms(law, unit, excitation[k], boosted)
+        shape_noise(noise[k], rms, law.limits, delta[k], sequence, surface, out.delta[k])
+        out.rms[k] = rms
+        out.predicted_acceleration[k] = unit * rms if rms > 0.0 else 0.0
+        out.acceleration_limit[k] = law.limit_boosted if boosted else law.limit_nominal
+        out.level[k] = 2 if boosted else 1
+        out.reason[k] = why
+
+
 class DitherLaw:
-    """Sequence generator and limiter; one `command` per sample.
+    """Sequence generator and limiter; `commands` answers samples in their order.
 
     Parameters
     ----------
@@ -124,85 +268,62 @@ class DitherLaw:
 
     def __init__(self, configuration: Configuration) -> None:
         """Prepare limits and sequences; see the class."""
-        self._rows = np.array([configuration.rows.index(s) if s in configuration.rows else -1 for s in "uvwPQR"], float)
+        rows = [configuration.rows.index(s) if s in configuration.rows else -1 for s in "uvwPQR"]
+        self._rows = np.array(rows, np.int64)
         self._effectors = len(configuration.effectors)
-        self.configure(configuration)
         self._seed = configuration.dither.seed
+        self.configure(configuration)
         self.reset()
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; the sequences go on."""
-        self._p = configuration.dither
-        self._excitation = configuration.reliability.excitation
-        self.weights = np.array(self._p.weights or (1.0,) * self._effectors)
-        self._limits = _limits(configuration, self.weights)
+        p = configuration.dither
+        self.weights = np.array(p.weights or (1.0,) * self._effectors)
+        heaviest = float(self.weights.max()) if self._effectors else 0.0
+        share = 1.0 / heaviest if heaviest > 0.0 else 0.0
+        self._law = Law(
+            enabled=p.enabled,
+            limit_nominal=p.limit_nominal,
+            limit_boosted=p.limit_boosted,
+            boost_duration=p.boost_duration,
+            stale_after=p.stale_after,
+            cap=p.cap * share,
+            cap_unreliable=p.cap_unreliable * share,
+            excitation=configuration.reliability.excitation,
+            forward=p.pilot_forward,
+            above=p.pilot_above,
+            rows=self._rows,
+            limits=_limits(configuration, self.weights),
+        )
 
     def reset(self) -> None:
         """Start the sequences anew from the seed."""
         self._generator = np.random.PCG64(self._seed)
         self._noise = np.zeros((0, self._effectors))
-        self._next = 0
         self._sequence = np.zeros(self._effectors)
         self._surface = np.zeros(self._effectors)
-        self._boost_until = -math.inf
-        self._last_time = -math.inf
+        self._clock = np.array([-math.inf, -math.inf])
 
-    def command(self, time: float, effect: Array, excitation: float, alarm: bool, delta: Array) -> Dither:
-        """Return the dither that answers the sample at ``time``.
+    def commands(self, time: Array, effect: Array, excitation: Array, alarm: Integers, delta: Array) -> DitherBlock:
+        """Return the dithers that answer n samples; see `inject` for the arguments."""
+        n, m = len(time), self._effectors
+        out = DitherBlock(
+            np.zeros((n, m)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
+        )
+        noise = self._draw(n)
+        inject(
+            self._law, time, effect, excitation, alarm, delta, noise, self._clock, self._sequence, self._surface, out
+        )
+        return out
 
-        Parameters
-        ----------
-        time
-            Of the sample [s].
-        effect
-            (r,) weighted sum of absolute values of each row of B-hat.
-        excitation
-            Least excitation of an effector's column [1].
-        alarm
-            An abrupt change was declared at this sample.
-        delta
-            (m,) measured deflections [rad].
-        """
-        p = self._p
-        gap = time - self._last_time
-        self._last_time = time
-        if alarm:
-            self._boost_until = time + p.boost_duration
-        if not p.enabled:
-            return self._zero(Level.OFF, "dither is disabled")
-        if math.isfinite(gap) and gap > p.stale_after:
-            return self._zero(Level.INHIBITED, f"no sample for {gap:.3g} s, more than {p.stale_after:g} s")
-        boosted = time < self._boost_until
-        limit = p.limit_boosted if boosted else p.limit_nominal
-        unit = pilot_acceleration(effect, self._rows, p.pilot_forward, p.pilot_above) / GRAVITY
-        cap, why = p.cap, "eq 23"
-        if excitation < self._excitation:
-            cap = min(cap, p.cap_unreliable * (limit / p.limit_nominal if boosted and p.limit_nominal > 0.0 else 1.0))
-            why = "capped while B is not excited"
-        heaviest = float(self.weights.max())
-        rms = cap / heaviest if heaviest > 0.0 else 0.0
-        if math.isfinite(unit) and unit * rms > limit:
-            rms, why = limit / unit, "eq 23"
-        elif not math.isfinite(unit):
-            rms, why = 0.0, "B is not finite"
-        out = np.zeros(self._effectors)
-        shape_noise(self._draw(), rms, self._limits, delta, self._sequence, self._surface, out)
-        level = Level.BOOSTED if boosted else Level.NOMINAL
-        return Dither(out, rms, unit * rms if rms > 0.0 else 0.0, limit, level, why)
-
-    def _zero(self, level: Level, reason: str) -> Dither:
-        self._surface *= self._limits[:, 3]
-        return Dither(np.zeros(self._effectors), 0.0, 0.0, 0.0, level, reason)
-
-    def _draw(self) -> Array:
-        if self._next == len(self._noise):
+    def _draw(self, count: int) -> Array:
+        """Return (count, m) noise: uniform, zero mean, unit rms; the same stream however it is asked for."""
+        while len(self._noise) < count:
             raw = self._generator.random_raw(BLOCK * self._effectors) >> np.uint64(11)
             uniform: Array = raw.astype(np.float64) * 2.0**-52 - 1.0
-            self._noise = (uniform * CREST).reshape(BLOCK, self._effectors)
-            self._next = 0
-        self._next += 1
-        row: Array = self._noise[self._next - 1]
-        return row
+            self._noise = np.concatenate([self._noise, (uniform * CREST).reshape(BLOCK, self._effectors)])
+        drawn, self._noise = self._noise[:count], self._noise[count:]
+        return drawn
 
 
 def _limits(configuration: Configuration, weights: Array) -> Array:

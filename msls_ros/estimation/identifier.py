@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from msls_ros.estimation import configuration as _configuration
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.dither import Dither, DitherLaw, Level
+from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent, Flags
 from msls_ros.estimation.kernel import Array
@@ -24,6 +25,15 @@ from msls_ros.estimation.kinematics import build_regression, known_terms
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
 from msls_ros.estimation.rows import COLOURS, Settings
 from msls_ros.estimation.supervision import Supervisor
+
+
+@dataclass(frozen=True)
+class Run:
+    """What many samples gave."""
+
+    estimates: list[Estimate]
+    dithers: list[DitherBlock]
+    """The dithers that answer the samples, block by block."""
 
 
 class Identifier:
@@ -109,11 +119,13 @@ class Identifier:
         EstimationError
             For wrong shapes or numbers that are not finite; nothing has changed then.
         """
-        self._take(np.array([time]), _two(x), _two(xdot), _two(delta))
+        sample = np.array([time], dtype=np.float64), _two(x), _two(xdot), _two(delta)
+        self._check(*sample)
+        self._take(*sample)
         return self.estimate(time, np.asarray(x, float))
 
-    def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> list[Estimate]:
-        """Take many samples; return the estimates after every ``every``-th since the last reset and after each alarm.
+    def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
+        """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
 
         Parameters
         ----------
@@ -127,39 +139,43 @@ class Identifier:
         Raises
         ------
         EstimationError
-            As `update`.
+            As `update`; nothing has changed then.
         """
-        estimates = []
+        self._check(time, x, xdot, delta)
+        estimates: list[Estimate] = []
+        blocks: list[DitherBlock] = []
         start = 0
         while start < len(time):
             due = every - int(self._regression.state.samples[0]) % every
             stop = min(start + due, len(time))
-            self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
+            blocks.append(self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop]))
             if self._regression.state.samples[0] % every == 0 or self._events:
                 estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
-        return estimates
+        return Run(estimates, blocks)
 
-    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
-        """Check the samples, then put them through the compiled loop and the dither law."""
+    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> DitherBlock:
+        """Put checked samples through the compiled loop and the dither law; return the dithers that answer them."""
         c = self.configuration
-        self._check(time, x, xdot, delta)
         count, r = len(time), len(c.rows)
         phi, y = np.empty((count, len(c.regressors))), np.empty((count, r))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
+        effect, excitation, alarm = np.empty((count, r)), np.empty(count), np.empty((count, r), np.int64)
         done = 0
         while done < count:
             stop = done + 1 if self._supervisor.watching else count
             taken, out = self._regression.advance(phi[done:stop], y[done:stop])
-            for k in range(taken):
-                alarm = k == taken - 1 and bool(out.alarm[k].any())
-                now = float(time[done + k])
-                self._dither = self._law.command(now, out.effect[k], float(out.excitation[k]), alarm, delta[done + k])
-                if alarm:
-                    self._events.append(self._supervisor.alarm(now, out.statistic[k], out.alarm[k]))
+            part = slice(done, done + taken)
+            effect[part], excitation[part], alarm[part] = out.effect[:taken], out.excitation[:taken], out.alarm[:taken]
             done += taken
-            self._events += self._supervisor.follow(float(time[done - 1]), self._regression)
+            now = float(time[done - 1])
+            if alarm[done - 1].any():
+                self._events.append(self._supervisor.alarm(now, out.statistic[taken - 1], alarm[done - 1]))
+            self._events += self._supervisor.follow(now, self._regression)
             self._error, self._statistic = out.e[taken - 1], out.statistic[taken - 1]
+        block = self._law.commands(time, effect, excitation, alarm, delta)
+        self._dither = block.at(count - 1)
+        return block
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)
