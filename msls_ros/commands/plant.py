@@ -5,9 +5,9 @@ from __future__ import annotations
 import sys
 
 from msls_ros.commands.node_help import run_or_help
-from msls_ros.nodes.plant import PlantNode
+from msls_ros.nodes.plant import PARAMETERS, PlantNode
 
 
 def main() -> int:
     """Run the node; return the exit code."""
-    return run_or_help("plant", PlantNode, sys.argv[1:])
+    return run_or_help("plant", PlantNode, PARAMETERS, sys.argv[1:])

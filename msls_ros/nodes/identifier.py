@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticStatus
 from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
-from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -26,10 +26,27 @@ from msls_ros.estimation import (
     Refused,
     Synchronizer,
 )
-from msls_ros.nodes.parameters import declare, declare_configuration, plain, read_configuration
+from msls_ros.nodes.parameters import (
+    NodeError,
+    configuration_table,
+    declare_configuration,
+    declare_table,
+    fixed,
+    plain,
+    read_configuration,
+    warn_of_unknown,
+)
 from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+NODE_PARAMETERS = {
+    "autostart": fixed(True, "configure and activate at the start"),
+    "publish_every": fixed(1, "samples per published model", unit="samples", low=1, high=1_000_000),
+}
+PARAMETERS = {**NODE_PARAMETERS, **configuration_table()}
+WATCH_PERIOD = 0.02
+"""How often the age of the newest sample is looked at [s]."""
 
 
 class IdentifierNode(LifecycleNode):
@@ -42,7 +59,7 @@ class IdentifierNode(LifecycleNode):
 
     Raises
     ------
-    EstimationError
+    EstimationError, NodeError
         For a parameter that is refused.
     """
 
@@ -50,24 +67,24 @@ class IdentifierNode(LifecycleNode):
         """Declare the parameters; with ``autostart`` configure and activate."""
         super().__init__(name, **options)
         declare_configuration(self)
-        self._autostart = declare(self, "autostart", True, _about("configure and activate at the start"))
-        self._every = declare(self, "publish_every", 1, _about("samples per published model"))
+        p = declare_table(self, NODE_PARAMETERS)
+        warn_of_unknown(self)
+        self._every = p["publish_every"]
         self._identifier: Identifier | None = None
         self._active = False
-        self._logged: dict[str, float] = {}
-        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._stale = True
         self.estimate: Estimate | None = None
-        """The last published estimate."""
-        if self._every < 1:
-            message = f"parameter 'publish_every' is {self._every}; it must be at least 1"
-            raise EstimationError(message)
-        read_configuration(self)
+        """The last estimate."""
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
-        if self._autostart:
-            self.trigger_configure()
-            self.trigger_activate()
+        if p["autostart"]:
+            self._start()
+
+    def _start(self) -> None:
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() != SUCCESS:
+                message = "the identifier could not be configured and activated at the start; its log says why"
+                raise NodeError(message)
 
     @property
     def synchronizer(self) -> Synchronizer:
@@ -85,19 +102,16 @@ class IdentifierNode(LifecycleNode):
         self._model_publisher = self.create_lifecycle_publisher(LinearModel, "model", OUTPUT)
         self._fault_publisher = self.create_lifecycle_publisher(FaultEvent, "fault", OUTPUT)
         self._dither_publisher = self.create_lifecycle_publisher(DitherCommand, "dither", OUTPUT)
-        self._diagnostics_publisher = self.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._inputs = [
+        self._subscriptions_made = [
             self.create_subscription(StateSample, "state", self._on_state, INPUT),
             self.create_subscription(EffectorSample, "effectors", self._on_effectors, INPUT),
         ]
-        self._services = [
+        self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
         ]
-        self._timers_made = [
-            self.create_timer(1.0, self._publish_diagnostics, clock=self._steady),
-            self.create_timer(max(configuration.dither.stale_after, 0.01), self._watch_inputs),
-        ]
+        self._watch = self.create_timer(WATCH_PERIOD, self._watch_inputs, clock=self._age_clock)
+        self._diagnostics = Diagnostics(self, self._health, self._synchronizer.refused)
         return SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -113,16 +127,16 @@ class IdentifierNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Give the topics back and forget everything."""
-        for timer in self._timers_made:
-            self.destroy_timer(timer)
-        for service in self._services:
+        self.destroy_timer(self._watch)
+        self._diagnostics.destroy()
+        for service in self._services_offered:
             self.destroy_service(service)
-        for subscription in self._inputs:
+        for subscription in self._subscriptions_made:
             self.destroy_subscription(subscription)
         for publisher in (self._model_publisher, self._fault_publisher, self._dither_publisher):
             self.destroy_lifecycle_publisher(publisher)
-        self.destroy_publisher(self._diagnostics_publisher)
         self._identifier = None
+        self._stale = True
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -139,6 +153,9 @@ class IdentifierNode(LifecycleNode):
         self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
         self._identifier.reset()
         self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+        self._refusals = Refusals(self, self._synchronizer.refused)
+        simulated = self.get_parameter("use_sim_time").value
+        self._age_clock: Clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
 
     def _on_state(self, message: StateSample) -> None:
         stamp = messages.stamp_of(message)
@@ -155,7 +172,7 @@ class IdentifierNode(LifecycleNode):
         try:
             sample = add()
         except Refused as refused:
-            self._log_refusal(refused)
+            self._refusals.take(refused)
             return
         if sample is not None:
             self._use(sample)
@@ -169,7 +186,7 @@ class IdentifierNode(LifecycleNode):
         names = self._identifier.configuration.effectors
         self.estimate = estimate = self._identifier.update(sample.time, sample.x, sample.xdot, sample.delta)
         self._stale = False
-        self._last_stamp = sample.stamp
+        self._last_stamp, self._arrived = sample.stamp, self._age_clock.now().nanoseconds
         self._dither_publisher.publish(messages.dither_message(sample.stamp, names, estimate.dither))
         for event in estimate.events:
             self.get_logger().warning(event.description)
@@ -177,22 +194,16 @@ class IdentifierNode(LifecycleNode):
         if estimate.samples % self._every == 0:
             self._model_publisher.publish(messages.model_message(sample.stamp, estimate))
 
-    def _log_refusal(self, refused: Refused) -> None:
-        """Log a refusal, each reason at most once a second."""
-        now = self._steady.now().nanoseconds * 1e-9
-        if now - self._logged.get(refused.reason, -1.0) >= 1.0:
-            self._logged[refused.reason] = now
-            count = self._synchronizer.refused[refused.reason]
-            self.get_logger().warning(f"refused ({refused.reason}, {count} so far): {refused}")
-
     def _watch_inputs(self) -> None:
         """Set the dither to zero when the samples have stopped."""
-        if self._stale or not self._active or self._identifier is None:
+        if self._stale or self._identifier is None:
             return
-        age = (self.get_clock().now().nanoseconds - self._last_stamp) * 1e-9
+        age = (self._age_clock.now().nanoseconds - self._arrived) * 1e-9
         limit = self._identifier.configuration.dither.stale_after
         if age > limit:
-            self._inhibit(f"no sample for {age:.2f} s, more than {limit:g} s")
+            reason = f"no sample for {age:.2f} s, more than {limit:g} s"
+            self.get_logger().warning(f"{reason}: the dither is zero")
+            self._inhibit(reason)
 
     def _inhibit(self, reason: str) -> None:
         """Publish a zero dither, once until samples come again."""
@@ -218,8 +229,6 @@ class IdentifierNode(LifecycleNode):
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         """Refuse, with a reason, what is wrong or cannot change while the identifier runs."""
-        if any(p.name in ("autostart", "publish_every") for p in parameters):
-            return SetParametersResult(successful=False, reason="autostart and publish_every are set at the start only")
         try:
             configuration = read_configuration(self, parameters)
             if self._identifier is not None:
@@ -232,27 +241,13 @@ class IdentifierNode(LifecycleNode):
         if self._identifier is not None:
             self._identifier.configure({p.name: plain(p) for p in parameters if p.name in self._identifier.parameters})
 
-    def _publish_diagnostics(self) -> None:
-        """Say on /diagnostics how many samples were used and what was refused, by reason."""
+    def _health(self) -> Health:
+        """Say how many samples were used, and whether they still come."""
         assert self._identifier is not None
         gate = self._synchronizer
-        refused = sum(gate.refused.values())
-        status = DiagnosticStatus(name=f"{self.get_fully_qualified_name()}: samples", hardware_id="msls_ros")
-        if not self._active:
-            status.level, status.message = DiagnosticStatus.OK, "inactive"
-        elif self._stale:
-            status.level, status.message = DiagnosticStatus.STALE, "no samples: the dither is zero"
-        elif refused:
-            status.level, status.message = DiagnosticStatus.WARN, f"{refused} messages refused"
-        else:
-            status.level, status.message = DiagnosticStatus.OK, "identifying"
         counts = {"samples": gate.paired, "alarms": self._identifier.alarms, "restarts": gate.restarts}
-        counts.update({f"refused: {reason}": count for reason, count in sorted(gate.refused.items())})
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in counts.items()]
-        array = DiagnosticArray(status=[status])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics_publisher.publish(array)
-
-
-def _about(description: str) -> ParameterDescriptor:
-    return ParameterDescriptor(description=description)
+        if not self._active:
+            return Health(DiagnosticStatus.OK, "inactive", counts)
+        if self._stale:
+            return Health(DiagnosticStatus.STALE, "no samples: the dither is zero", counts)
+        return Health(DiagnosticStatus.OK, "identifying", counts)

@@ -1,4 +1,4 @@
-"""Declares the identifier's parameters on a node from their one description, and reads them back."""
+"""Parameters of the nodes: a table says default, meaning, unit and range; nodes declare from it, the help prints it."""
 
 from __future__ import annotations
 
@@ -7,56 +7,84 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
-from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from msls_ros.estimation import Configuration, EstimationError, from_mapping
+from msls_ros.estimation import Configuration, from_mapping
 from msls_ros.estimation.configuration import Bounds, items
 
+Table = Mapping[str, tuple[Any, Bounds]]
+"""Default and bounds by name."""
+STANDARD = ("use_sim_time", "start_type_description_service")
+KINDS = {bool: "true or false", str: "a word", int: "a whole number", float: "a number", list: "a list of words"}
 
-def descriptor(bounds: Bounds, value: Any) -> ParameterDescriptor:
+
+class NodeError(ValueError):
+    """A node was given a parameter that it cannot use: one sentence, what was found and what was expected."""
+
+
+def fixed(
+    default: Any,
+    description: str,
+    unit: str = "1",
+    low: float = -math.inf,
+    high: float = math.inf,
+    choices: Iterable[str] = (),
+) -> tuple[Any, Bounds]:
+    """Return an entry of a `Table` for a parameter that is set at the start only."""
+    return default, Bounds(description, unit, low, high, tuple(choices), in_flight=False)
+
+
+def configuration_table() -> Table:
+    """Return the parameters of `Configuration` as a table."""
+    return {name: (value, bounds) for name, value, bounds in items(Configuration())}
+
+
+def constraint(bounds: Bounds, default: Any) -> str:
+    """Say what is allowed; empty where there is no limit."""
+    if bounds.choices:
+        return f"one of {', '.join(bounds.choices)}"
+    first = default[0] if isinstance(default, (tuple, list)) and default else default
+    limited = math.isfinite(bounds.low) or math.isfinite(bounds.high)
+    if isinstance(first, (bool, str)) or not limited:
+        return ""
+    return f"{bounds.low:g} to {bounds.high:g}"
+
+
+def descriptor(bounds: Bounds, default: Any, read_only: bool) -> ParameterDescriptor:
     """Describe a parameter: meaning, unit, range, and whether it may change in flight."""
-    words = (
-        f"one of {', '.join(bounds.choices)}"
-        if bounds.choices
-        else f"in [{bounds.low:g}, {bounds.high:g}] {bounds.unit}"
-    )
-    numeric = not isinstance(value, (bool, str)) and not (
-        isinstance(value, tuple) and value and isinstance(value[0], str)
-    )
+    number = isinstance(default, (int, float)) and not isinstance(default, bool)
+    listed = isinstance(default, (tuple, list)) and not any(isinstance(v, str) for v in default)
     result = ParameterDescriptor(
-        description=f"{bounds.description} [{bounds.unit}]",
-        additional_constraints=words if bounds.choices or numeric else "",
+        description=f"{bounds.description} [{bounds.unit}]" if number or listed else bounds.description,
+        additional_constraints="; ".join(
+            t for t in (constraint(bounds, default), "" if bounds.in_flight else "fixed at the start") if t
+        ),
         dynamic_typing=True,
+        read_only=read_only,
     )
-    finite = math.isfinite(bounds.low) and math.isfinite(bounds.high)
-    if finite and isinstance(value, float):
-        result.floating_point_range = [FloatingPointRange(from_value=bounds.low, to_value=bounds.high)]
-    elif finite and isinstance(value, int) and not isinstance(value, bool):
-        result.integer_range = [IntegerRange(from_value=int(bounds.low), to_value=int(bounds.high), step=1)]
+    if number and math.isfinite(bounds.low) and math.isfinite(bounds.high):
+        if isinstance(default, float):
+            result.floating_point_range = [FloatingPointRange(from_value=bounds.low, to_value=bounds.high)]
+        else:
+            result.integer_range = [IntegerRange(from_value=int(bounds.low), to_value=int(bounds.high), step=1)]
     return result
 
 
-def declare_configuration(node: Node) -> None:
-    """Declare every parameter of `Configuration` on the node.
+def declare_configuration(node: Node) -> Configuration:
+    """Declare every parameter of `Configuration` on the node; return what they say.
 
     Raises
     ------
     EstimationError
-        For an override that is out of range.
+        For a value that is refused.
     """
-    for name, value, bounds in items(Configuration()):
-        declare(node, name, list(value) if isinstance(value, tuple) else value, descriptor(bounds, value))
-
-
-def declare(node: Node, name: str, value: Any, what: ParameterDescriptor) -> Any:
-    """Declare one parameter and return its value; an override out of range raises EstimationError."""
-    try:
-        return node.declare_parameter(name, value, what).value
-    except (InvalidParameterValueException, InvalidParameterTypeException) as error:
-        message = f"parameter '{name}': {error}"
-        raise EstimationError(message) from error
+    table = configuration_table()
+    _declare(node, table)
+    configuration = read_configuration(node)
+    for name, (value, bounds) in table.items():
+        node.set_descriptor(name, descriptor(bounds, value, read_only=False))
+    return configuration
 
 
 def read_configuration(node: Node, changes: Iterable[Parameter] = ()) -> Configuration:
@@ -81,15 +109,57 @@ def plain(parameter: Parameter) -> Any:
     return [] if value is None or len(value) == 0 else list(value)
 
 
-def declare_table(node: Node, table: Mapping[str, tuple[Any, str]]) -> dict[str, Any]:
-    """Declare parameters given as ``name: (default, description)``; return their values by name.
+def declare_table(node: Node, table: Table) -> dict[str, Any]:
+    """Declare parameters that are fixed at the start; return their values by name.
 
     Raises
     ------
-    EstimationError
-        For an override of the wrong type.
+    NodeError
+        For a value of the wrong type or out of range.
     """
-    return {
-        name: declare(node, name, value, ParameterDescriptor(description=what, dynamic_typing=False))
-        for name, (value, what) in table.items()
-    }
+    _declare(node, table)
+    values = {}
+    for name, (default, bounds) in table.items():
+        values[name] = checked(name, plain(node.get_parameter(name)), default, bounds)
+        node.set_descriptor(name, descriptor(bounds, default, read_only=True))
+    return values
+
+
+def warn_of_unknown(node: Node) -> None:
+    """Log the parameters that were given at the start but that the node does not have: ROS ignores them silently."""
+    for name in node._parameter_overrides:
+        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+            node.get_logger().warning(f"parameter '{name}' does not exist and is ignored; --help lists all")
+
+
+def checked(name: str, value: Any, default: Any, bounds: Bounds) -> Any:
+    """Return a value in the type of its default.
+
+    Raises
+    ------
+    NodeError
+        For a value of the wrong type or out of range.
+    """
+    if isinstance(default, float) and type(value) is int:
+        value = float(value)
+    same = type(value) is type(default)
+    if not same or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
+        message = f"parameter '{name}' is {value!r}; it must be {KINDS[type(default)]}"
+        raise NodeError(message)
+    if isinstance(value, (int, float)) and not isinstance(value, bool):
+        good = math.isfinite(value) and bounds.low <= value <= bounds.high
+    else:
+        good = not bounds.choices or all(v in bounds.choices for v in (value if isinstance(value, list) else [value]))
+    if not good:
+        unit = "" if bounds.choices or bounds.unit == "1" else f" {bounds.unit}"
+        expected = f"{constraint(bounds, default) or 'a finite number'}{unit}"
+        message = f"parameter '{name}' is {value!r}; it must be {expected}"
+        raise NodeError(message)
+    return value
+
+
+def _declare(node: Node, table: Table) -> None:
+    """Declare with any type and range, so that what is wrong is refused by us, in one sentence."""
+    for name, (value, _) in table.items():
+        default = list(value) if isinstance(value, tuple) else value
+        node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True))

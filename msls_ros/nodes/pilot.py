@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
+from diagnostic_msgs.msg import DiagnosticStatus
 from msls_msgs.msg import EffectorCommand, StateSample
 from rclpy.node import Node
 
 from msls_ros import messages
 from msls_ros.estimation import NamedVector, Refused
-from msls_ros.nodes.parameters import declare_table
+from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
-from msls_ros.plant import CONDITIONS, EFFECTORS, STATES, Aircraft, Manoeuvre, Pilot, PlantError, RollDoublet, Steady
+from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
+from msls_ros.plant import CONDITIONS, EFFECTORS, STATES, Aircraft, Manoeuvre, Pilot, RollDoublet, Steady
 
-MANOEUVRES = ("roll_doublet", "steady")
 PARAMETERS = {
-    "condition": ("high_alpha", f"flight condition to hold: one of {', '.join(CONDITIONS)}"),
-    "manoeuvre": ("roll_doublet", f"what to fly: one of {', '.join(MANOEUVRES)}"),
-    "roll_rate": (
-        0.10471975511965977,
-        "roll rate of the doublet [rad/s]; the default is the paper's two pounds of stick",
+    "condition": fixed("high_alpha", "flight condition to hold", choices=CONDITIONS),
+    "manoeuvre": fixed("roll_doublet", "what to fly", choices=("roll_doublet", "steady")),
+    "roll_rate": fixed(
+        math.radians(6.0),
+        "roll rate of the doublet; the default is the paper's two pounds of stick",
+        unit="rad/s",
+        low=-1.0,
+        high=1.0,
     ),
 }
 
 
 class PilotNode(Node):
-    """Fly a manoeuvre from measured states.
+    """Fly a manoeuvre: a command for every measured state.
 
     Parameters
     ----------
@@ -35,7 +40,7 @@ class PilotNode(Node):
 
     Raises
     ------
-    PlantError, EstimationError
+    NodeError
         For a parameter that is refused.
     """
 
@@ -43,26 +48,34 @@ class PilotNode(Node):
         """Declare the parameters and design the gains."""
         super().__init__(name, **options)
         p = declare_table(self, PARAMETERS)
-        for key, allowed in (("condition", tuple(CONDITIONS)), ("manoeuvre", MANOEUVRES)):
-            if p[key] not in allowed:
-                message = f"parameter '{key}' is '{p[key]}'; it must be one of {', '.join(allowed)}"
-                raise PlantError(message)
+        warn_of_unknown(self)
         aircraft = Aircraft(CONDITIONS[p["condition"]])
         manoeuvre: Manoeuvre = RollDoublet(rate=p["roll_rate"]) if p["manoeuvre"] == "roll_doublet" else Steady()
         self._pilot = Pilot(aircraft.trim, aircraft.truth(), manoeuvre)
         self._states = NamedVector("state", STATES)
-        self.refused: Counter[str] = Counter()
-        """Messages refused, by reason."""
+        self._stamps = StampGate("state sample")
+        self._refusals = Refusals(self)
+        self._answered = 0
         self.command_publisher = self.create_publisher(EffectorCommand, "command", OUTPUT)
         self.create_subscription(StateSample, "state", self._on_state, INPUT)
+        self._diagnostics = Diagnostics(self, self._health, self.refused)
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Messages refused, by reason."""
+        return self._refusals.counts
 
     def _on_state(self, message: StateSample) -> None:
         stamp = messages.stamp_of(message)
         try:
             (x,) = self._states.arrange(message.states, x=message.x)
+            self._stamps.check(stamp)
         except Refused as refused:
-            self.refused[refused.reason] += 1
-            self.get_logger().warning(f"refused ({refused.reason}): {refused}", throttle_duration_sec=1.0)
+            self._refusals.take(refused)
             return
         delta = self._pilot.command(stamp * 1e-9, x)
         self.command_publisher.publish(messages.command_message(stamp, EFFECTORS, delta))
+        self._answered += 1
+
+    def _health(self) -> Health:
+        return Health(DiagnosticStatus.OK, "flying" if self._answered else "waiting", {"commands": self._answered})

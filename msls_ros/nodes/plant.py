@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Any
 
-import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, LinearModel, StateSample
 from msls_msgs.srv import InjectFault
 from rclpy.clock import Clock, ClockType
@@ -16,27 +16,38 @@ from std_srvs.srv import Trigger
 
 from msls_ros import messages
 from msls_ros.estimation import NamedVector, Refused
-from msls_ros.nodes.parameters import declare_table
+from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
-from msls_ros.plant import CONDITIONS, EFFECTORS, NOISE_LEVELS, STATES, Aircraft, PlantError, Sensors
+from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
+from msls_ros.plant import CONDITIONS, EFFECTORS, NOISE_LEVELS, STATES, SURFACES, Aircraft, PlantError, Sensors
 
 PARAMETERS = {
-    "condition": ("high_alpha", f"flight condition: one of {', '.join(CONDITIONS)}"),
-    "noise": ("low", f"sensor noise: one of {', '.join(NOISE_LEVELS)}"),
-    "seed": (0, "seed of the sensor noise, 0 or more"),
-    "mode": ("lockstep", "lockstep (wait for the answers to each sample) or real_time (wall clock)"),
-    "fdm_rate": (100, "rate of the flight dynamics model [Hz], 20 to 2000"),
-    "steps_per_sample": (2, "flight dynamics steps per published sample, 1 or more"),
-    "truth_every": (5, "samples per published truth model, 1 or more"),
-    "wait_for_dither": (True, "lockstep: wait for the identifier too, not only for the pilot"),
-    "time_out": (1.0, "lockstep: wall-clock wait for the answers before trim and zero dither are used [s], above 0"),
-    "duration": (0.0, "flight time after which the plant stops [s]; 0: never"),
-    "autostart": (True, "start when a pilot (and, where waited for, an identifier) is there"),
-    "fault.time": (-1.0, "when the damage happens [s]; negative: never"),
-    "fault.surface": ("left_stabilator", "what is damaged: a surface or an effector"),
-    "fault.effectiveness": (0.0, "what is left of its effect [1], 0 to 1"),
-    "fault.bias": (0.0, "constant deflection-equivalent that the damage adds [rad]"),
+    "condition": fixed("high_alpha", "flight condition", choices=CONDITIONS),
+    "noise": fixed("low", "sensor noise", choices=NOISE_LEVELS),
+    "seed": fixed(0, "seed of the sensor noise", low=0, high=2**31 - 1),
+    "mode": fixed(
+        "lockstep",
+        "lockstep: wait for the answers to each sample; real_time: wall clock",
+        choices=("lockstep", "real_time"),
+    ),
+    "fdm_rate": fixed(100, "rate of the flight dynamics model", unit="Hz", low=50, high=1000),
+    "steps_per_sample": fixed(2, "flight dynamics steps per published sample", unit="steps", low=1, high=1000),
+    "truth_every": fixed(5, "samples per published truth model", unit="samples", low=1, high=100_000),
+    "wait_for_dither": fixed(True, "lockstep: wait for the identifier too, not only for the pilot"),
+    "time_out": fixed(
+        1.0, "wall-clock wait for answers before trim and zero dither take over", unit="s", low=0.01, high=3600.0
+    ),
+    "duration": fixed(0.0, "flight time after which the plant stops; 0: never", unit="s", low=0.0, high=1e6),
+    "autostart": fixed(True, "start when a pilot (and, where waited for, an identifier) is there"),
+    "fault.time": fixed(-1.0, "when the damage happens; negative: never", unit="s", low=-1.0, high=1e6),
+    "fault.surface": fixed(
+        "left_stabilator", "what is damaged: a surface or an effector", choices=(*SURFACES, *EFFECTORS)
+    ),
+    "fault.effectiveness": fixed(0.0, "what is left of its effect", low=0.0, high=1.0),
+    "fault.bias": fixed(0.0, "constant deflection-equivalent that the damage adds", unit="rad", low=-0.5, high=0.5),
 }
+SETTLING_TIME = 1.0
+"""A reset before this much flight [s] would look like messages out of order to those who listen."""
 
 
 class PlantNode(Node):
@@ -49,7 +60,7 @@ class PlantNode(Node):
 
     Raises
     ------
-    PlantError, EstimationError
+    NodeError, PlantError
         For a parameter that is refused.
     """
 
@@ -57,10 +68,10 @@ class PlantNode(Node):
         """Declare the parameters and build the aircraft at trim."""
         super().__init__(name, **options)
         self._p = declare_table(self, PARAMETERS)
-        _check(self._p)
+        warn_of_unknown(self)
+        self._lockstep = self._p["mode"] == "lockstep"
         self._vectors = {"command": NamedVector("command", EFFECTORS), "dither": NamedVector("dither", EFFECTORS)}
-        self.refused: Counter[str] = Counter()
-        """Messages refused, by reason."""
+        self._refusals = Refusals(self)
         self.time_outs = 0
         """Samples that were not answered in time."""
         self.samples = 0
@@ -68,15 +79,18 @@ class PlantNode(Node):
         self.finished: Future = Future()
         """Done when the flight has lasted for ``duration``."""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._build()
-        self._make_topics()
         self._running = False
-        if self._p["mode"] == "real_time":
-            self.create_timer(self.sample_period, self._tick, clock=self._steady)
-        else:
-            self.create_timer(0.25 * self._p["time_out"], self._watch, clock=self._steady)
-        if self._p["autostart"]:
-            self._starter = self.create_timer(0.02, self._start_when_ready, clock=self._steady)
+        self._build()
+        if self._fault_due and self._p["fault.bias"] != 0.0:
+            self._aircraft.damage(self._p["fault.surface"], 1.0, self._p["fault.bias"])
+            self._build()
+        self._make_topics()
+        self._make_timers()
+
+    @property
+    def refused(self) -> Counter[str]:
+        """Messages refused, by reason."""
+        return self._refusals.counts
 
     @property
     def sample_period(self) -> float:
@@ -94,10 +108,22 @@ class PlantNode(Node):
         self.create_service(InjectFault, "~/inject_fault", self._on_inject_fault)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
+    def _make_timers(self) -> None:
+        if self._lockstep:
+            self.create_timer(0.25 * self._p["time_out"], self._watch, clock=self._steady)
+        else:
+            self.create_timer(self.sample_period, self._tick, clock=self._steady)
+        if self._p["autostart"]:
+            self._starter = self.create_timer(0.02, self._start_when_ready, clock=self._steady)
+        self._diagnostics = Diagnostics(self, self._health, self.refused)
+
     def _build(self) -> None:
+        """Put a new aircraft at trim, time 0, with the sensors' noise from its beginning."""
         self._aircraft = Aircraft(CONDITIONS[self._p["condition"]], rate=self._p["fdm_rate"])
         self._sensors = Sensors(self._p["noise"], self._p["seed"])
         self._answers: dict[str, Any] = {"command": None, "dither": None}
+        self._arrived = {"command": 0, "dither": 0}
+        self._stamps = {kind: StampGate(kind) for kind in self._answers}
         self._stamp = 0
         self._fault_due = self._p["fault.time"] >= 0.0
         self._truth_due = True
@@ -110,11 +136,12 @@ class PlantNode(Node):
 
     def _start_when_ready(self) -> None:
         """Start as soon as those who must answer are connected."""
-        dither = self.count_publishers(self.resolve_topic_name("dither")) > 0 or not self._p["wait_for_dither"]
-        heard = self.state_publisher.get_subscription_count() > 0
-        if heard and dither and self.count_publishers(self.resolve_topic_name("command")) > 0:
+        asked = ["command", "dither"] if self._p["wait_for_dither"] else ["command"]
+        answered = all(self.count_publishers(self.resolve_topic_name(topic)) > 0 for topic in asked)
+        if answered and self.state_publisher.get_subscription_count() >= len(asked):
             self.destroy_timer(self._starter)
-            self.start()
+            if not self._running:
+                self.start()
 
     def _publish(self) -> None:
         """Publish the present sample; truth where it is due."""
@@ -122,7 +149,8 @@ class PlantNode(Node):
         measured = self._sensors.measure(sample)
         self._stamp = stamp = round(sample.time * 1e9)
         self._published_at = self._steady.now().nanoseconds
-        self._answers = {"command": None, "dither": None} if self._p["mode"] == "lockstep" else self._answers
+        if self._lockstep:
+            self._answers = {"command": None, "dither": None}
         self._clock_publisher.publish(ClockMessage(clock=messages.time_message(stamp)))
         self.truth_state_publisher.publish(messages.state_message(stamp, STATES, sample.x, sample.xdot))
         if self._truth_due or self.samples % self._p["truth_every"] == 0:
@@ -140,20 +168,31 @@ class PlantNode(Node):
                 self.finished.set_result(True)
 
     def _on_answer(self, kind: str, message: EffectorCommand | DitherCommand) -> None:
-        """Take a command or a dither; in lockstep only the one that answers the present sample."""
+        """Take a command or a dither; in lockstep fly on when both have come."""
         try:
             (delta,) = self._vectors[kind].arrange(message.effectors, delta=message.delta)
-            stamp = messages.stamp_of(message)
-            if self._p["mode"] == "lockstep" and stamp != self._stamp:
-                text = f"{kind}: answers the sample at {stamp * 1e-9:.3f} s; expected {self._stamp * 1e-9:.3f} s"
-                raise Refused("late", text)
+            self._check_stamp(kind, message)
         except Refused as refused:
-            self.refused[refused.reason] += 1
-            self.get_logger().warning(f"refused ({refused.reason}): {refused}", throttle_duration_sec=1.0)
+            self._refusals.take(refused)
             return
         self._answers[kind] = delta
-        if self._p["mode"] == "lockstep" and self._complete():
+        self._arrived[kind] = self._steady.now().nanoseconds
+        if self._lockstep and self._complete():
             self._step()
+
+    def _check_stamp(self, kind: str, message: EffectorCommand | DitherCommand) -> None:
+        """Refuse what answers another sample (lockstep) or is out of order (real time); a stop is never refused."""
+        stamp = messages.stamp_of(message)
+        if not self._lockstep:
+            if kind == "command" or message.level != DitherCommand.LEVEL_INHIBITED:
+                self._stamps[kind].check(stamp)
+            return
+        if stamp != self._stamp:
+            reason = "late" if stamp < self._stamp else "early"
+            text = f"{kind}: answers the sample at {stamp * 1e-9:.3f} s; expected {self._stamp * 1e-9:.3f} s"
+            raise Refused(reason, text)
+        if self._answers[kind] is not None:
+            raise Refused("stamp_repeated", f"{kind}: a second answer to the sample at {stamp * 1e-9:.3f} s")
 
     def _complete(self) -> bool:
         dither = self._answers["dither"] is not None or not self._p["wait_for_dither"]
@@ -184,9 +223,27 @@ class PlantNode(Node):
         self._step()
 
     def _tick(self) -> None:
-        """Real time: fly on with the newest answers."""
-        if self._running:
-            self._step()
+        """Real time: fly on with the newest answers; those that are too old count no more."""
+        if not self._running:
+            return
+        now = self._steady.now().nanoseconds
+        for kind, answer in self._answers.items():
+            age = (now - self._arrived[kind]) * 1e-9
+            if answer is not None and age >= self._p["time_out"]:
+                self._answers[kind] = None
+                self.time_outs += 1
+                instead = "at trim with zero dither" if kind == "command" else "with zero dither"
+                self.get_logger().warning(f"no {kind} for {age:.2f} s: flying on {instead}")
+        self._step()
+
+    def _health(self) -> Health:
+        counts = {"samples": self.samples, "time-outs": self.time_outs}
+        if not self._running:
+            return Health(DiagnosticStatus.OK, "finished" if self.finished.done() else "waiting", counts)
+        if self._answers["command"] is None and not self._lockstep:
+            return Health(DiagnosticStatus.WARN, "no command: flying at trim", counts)
+        level = DiagnosticStatus.WARN if self.time_outs else DiagnosticStatus.OK
+        return Health(level, f"flying; {self.time_outs} samples not answered in time", counts)
 
     def _damage(self, surface: str, effectiveness: float, bias: float) -> str:
         text = self._aircraft.damage(surface, effectiveness, bias)
@@ -203,27 +260,12 @@ class PlantNode(Node):
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._running and self._aircraft.time <= SETTLING_TIME:
+            response.success = False
+            response.message = f"only {self._aircraft.time:.2f} s flown; a reset needs more than {SETTLING_TIME:g} s"
+            return response
         self._build()
         if self._running:
             self._publish()
         response.success, response.message = True, "a new aircraft at trim, time 0"
         return response
-
-
-def _check(p: dict[str, Any]) -> None:
-    """Refuse parameters that make no flight, with a sentence."""
-    rules = [
-        ("condition", p["condition"] in CONDITIONS, f"one of {', '.join(CONDITIONS)}"),
-        ("noise", p["noise"] in NOISE_LEVELS, f"one of {', '.join(NOISE_LEVELS)}"),
-        ("seed", p["seed"] >= 0, "0 or more"),
-        ("mode", p["mode"] in ("lockstep", "real_time"), "lockstep or real_time"),
-        ("fdm_rate", 20 <= p["fdm_rate"] <= 2000, "20 to 2000 Hz"),
-        ("steps_per_sample", p["steps_per_sample"] >= 1, "1 or more"),
-        ("truth_every", p["truth_every"] >= 1, "1 or more"),
-        ("time_out", np.isfinite(p["time_out"]) and p["time_out"] > 0.0, "above 0 s"),
-        ("fault.effectiveness", 0.0 <= p["fault.effectiveness"] <= 1.0, "0 to 1"),
-    ]
-    for name, good, expected in rules:
-        if not good:
-            message = f"parameter '{name}' is {p[name]!r}; it must be {expected}"
-            raise PlantError(message)

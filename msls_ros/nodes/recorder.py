@@ -13,8 +13,10 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from msls_ros.bags import BagError, BagWriter
-from msls_ros.nodes.parameters import declare_table
+from msls_ros.bags import BagWriter
+from msls_ros.estimation import Refused
+from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.refusals import Refusals
 
 TOPICS: dict[str, Any] = {
     "state": StateSample,
@@ -28,9 +30,9 @@ TOPICS: dict[str, Any] = {
     "/clock": ClockMessage,
 }
 PARAMETERS = {
-    "out": ("flight", "folder of the bag to write; it must not exist"),
-    "overwrite": (False, "replace a bag that exists"),
-    "topics": (list(TOPICS), "topics to record"),
+    "out": fixed("flight", "folder of the bag to write"),
+    "overwrite": fixed(False, "replace a bag that exists"),
+    "topics": fixed(list(TOPICS), "topics to record", choices=TOPICS),
 }
 QUALITY = QoSProfile(depth=1000)
 
@@ -45,7 +47,7 @@ class RecorderNode(Node):
 
     Raises
     ------
-    BagError, EstimationError
+    BagError, NodeError
         For a bag that cannot be written, or a parameter that is refused.
     """
 
@@ -53,13 +55,11 @@ class RecorderNode(Node):
         """Open the bag and subscribe to everything, undecoded."""
         super().__init__(name, **options)
         p = declare_table(self, PARAMETERS)
-        unknown = [t for t in p["topics"] if t not in TOPICS]
-        if unknown:
-            message = f"parameter 'topics' has '{unknown[0]}'; it must be among {', '.join(TOPICS)}"
-            raise BagError(message)
+        warn_of_unknown(self)
         self._writer = BagWriter(p["out"], overwrite=p["overwrite"])
         self.counts: Counter[str] = Counter()
         """Messages written, by topic."""
+        self._refusals = Refusals(self)
         for topic in p["topics"]:
             resolved = self.resolve_topic_name(topic)
             kind = TOPICS[topic]
@@ -71,6 +71,9 @@ class RecorderNode(Node):
     def _write(self, topic: str, resolved: str, msgtype: str, data: bytes) -> None:
         """Write a message under the stamp that its header (or clock) begins with."""
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
+        if seconds < 0:
+            self._refusals.take(Refused("stamp_negative", f"{topic}: stamp {seconds} s; a bag's stamps begin at 0"))
+            return
         self._writer.write(resolved, msgtype, seconds * 1_000_000_000 + nanoseconds, data)
         self.counts[topic] += 1
 

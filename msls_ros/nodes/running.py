@@ -14,9 +14,11 @@ from rclpy.node import Node
 
 from msls_ros.bags import BagError
 from msls_ros.estimation import EstimationError
+from msls_ros.nodes.parameters import NodeError
 from msls_ros.plant import PlantError
 
-BAD_INPUT = (EstimationError, PlantError, BagError)
+BAD_INPUT = (NodeError, EstimationError, PlantError, BagError)
+"""What the rooms raise for bad input, each with one sentence."""
 
 
 def run_node(make: Callable[[], Node], arguments: Sequence[str] | None = None) -> int:
@@ -39,25 +41,33 @@ def run_node(make: Callable[[], Node], arguments: Sequence[str] | None = None) -
     except (RCLError, ValueError) as error:
         print(f"msls_ros: {str(error).splitlines()[0]}", file=sys.stderr)
         return 2
-    node = None
+    nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
-        node = make()
-        executor.add_node(node)
-        finished = getattr(node, "finished", None)
-        if finished is None:
-            executor.spin()
-        else:
-            executor.spin_until_future_complete(finished)
+        nodes.append(make())
+        executor.add_node(nodes[0])
+        _spin(executor, nodes[0])
     except BAD_INPUT as error:
         print(f"msls_ros: {error}", file=sys.stderr)
         return 2
-    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
-        return 0
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         executor.shutdown()
-        if node is not None:
+        for node in nodes:
             node.destroy_node()
         rclpy.try_shutdown()
     return 0
+
+
+def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
+    """Spin until the node is finished or told to stop."""
+    try:
+        if hasattr(node, "finished"):
+            executor.spin_until_future_complete(node.finished)
+        else:
+            executor.spin()
+    except (KeyboardInterrupt, ExternalShutdownException, ROSInterruptException):
+        return
+    except RCLError:
+        if rclpy.ok():
+            raise
