@@ -37,7 +37,7 @@ def compiled(function: Callable[P, T]) -> Callable[P, T]:
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder()
     try:
-        compiled_function: Callable[P, T] = numba.njit(cache=True, fastmath=False, error_model="numpy")(function)
+        compiled_function: Callable[P, T] = numba.njit(cache=True, fastmath=False, error_model="numpy", forceinline=True)(function)
     finally:
         numba_config.CACHE_DIR = before
     return compiled_function

@@ -165,6 +165,8 @@ class _Recursive:
         self._shapes = (regressors,), (rows,)
         self.theta = self._parts.theta
         """(rows, regressors) the estimates."""
+        self.gain = self._parts.work.K
+        """(regressors,) the gain of the last update, shared by all rows."""
 
     def _checked(self, phi: Array, y: Array) -> tuple[Array, Array, Array]:
         """Return regressor and outputs as the compiled update takes them, and room for the prediction errors."""
