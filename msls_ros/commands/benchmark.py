@@ -1,0 +1,117 @@
+"""`benchmark`: our kernel beside plain C and the peers of Python: time per update (kernel), a stream that kills (stress)."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    result = argparse.ArgumentParser(prog="benchmark", description=__doc__.split(": ", 1)[1])
+    commands = result.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    kernel = commands.add_parser("kernel", help="time per update at p = 17, 9 rows and p = 8, 3 rows, one thread")
+    kernel.add_argument("--rounds", type=_count, default=25, help="how often each is timed (default: 25)")
+    stress = commands.add_parser("stress", help="two regressors almost alike: first NaN and peak error")
+    stress.add_argument("--samples", type=_count, default=100_000, help="length of the stream (default: 100000)")
+    for command in (kernel, stress):
+        command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
+    return result
+
+
+def _count(text: str) -> int:
+    if not text.isdigit() or int(text) < 1:
+        message = f"{text!r} is not a count; expected a whole number from 1"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run a benchmark; return the exit code."""
+    arguments = parser().parse_args(argv)
+    for name in THREADS:
+        os.environ[name] = "1"
+    if not (ROOT / "benchmarks" / "__init__.py").is_file():
+        print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
+        return 2
+    sys.path.insert(0, str(ROOT))
+    result = _kernel(arguments) if arguments.command == "kernel" else _stress(arguments)
+    if result is None:
+        return 1
+    if arguments.json:
+        print(json.dumps(result, indent=1))
+    return 0
+
+
+def _kernel(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.kernel")
+    sizes = []
+    for p, rows in module.SIZES:
+        _say(f"{p} regressors, {rows} rows: {arguments.rounds} rounds")
+        try:
+            table = module.measure(p, rows, arguments.rounds)
+        except module.MismatchError as error:
+            print(f"benchmark: {error}", file=sys.stderr)
+            return None
+        sizes.append({"p": p, "rows": rows, "results": table})
+        if not arguments.json:
+            print(format_kernel(p, rows, table))
+    return sizes
+
+
+def _stress(arguments: argparse.Namespace) -> Any:
+    table = importlib.import_module("benchmarks.stress").measure(arguments.samples, _say)
+    if not arguments.json:
+        print(format_stress(table, arguments.samples))
+    return table
+
+
+def format_kernel(p: int, rows: int, table: Sequence[dict[str, Any]]) -> str:
+    """Return the table of one size as text."""
+    lines = [
+        f"\n{p} regressors, {rows} rows: us per update, fastest round (median), one thread",
+        f"{'':45}{'us':>8}{'median':>9}{'/ C':>8}{'/ ours':>8}  does",
+    ]
+    for row in table:
+        if row["us"] is None:
+            lines.append(f"{row['name']:45}{row['note']}")
+            continue
+        to_c = f"{row['to_plain_c']:8.2f}" if row["to_plain_c"] else f"{'-':>8}"
+        median, to_ours = row["us_median"], row["to_ours_per_call"]
+        lines.append(f"{row['name']:45}{row['us']:8.2f}{median:9.2f}{to_c}{to_ours:8.2f}  {row['does']}")
+    return "\n".join([*lines, "/ C: to plain C; / ours: to msls_ros MSLS per call"])
+
+
+def format_stress(table: Sequence[dict[str, Any]], samples: int) -> str:
+    """Return the table of all cases as text."""
+    cases = list(dict.fromkeys((row["forgetting"], row["p"]) for row in table))
+    names = dict.fromkeys(row["name"] for row in table)
+    lines = [
+        f"\nphi2 = phi1 + N(0, 0.01^2), {samples} samples: peak error, or the first sample that is not finite",
+        f"{'':24}" + "".join(f"{f'lambda {forgetting}, p {p}':>20}" for forgetting, p in cases),
+    ]
+    for name in names:
+        cells = []
+        for row in (row for row in table if row["name"] == name):
+            dead = row["first_not_finite"]
+            cells.append(f"{row['peak_error']:.3g}" if dead is None and not row["note"] else f"NaN at {dead}")
+        note = next(row["note"] for row in table if row["name"] == name)
+        lines.append(f"{name:24}" + (note or "".join(f"{cell:>20}" for cell in cells)))
+    return "\n".join(lines)
+
+
+def _say(text: str) -> None:
+    print(f"benchmark: {text}", file=sys.stderr, flush=True)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
