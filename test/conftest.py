@@ -78,6 +78,10 @@ class Bench:
             assert time.monotonic() < deadline, f"{what} did not come"
             self.executor.spin_once(timeout_sec=0.05)
 
+    def expect(self, heard: list[Any], count: int, what: str = "messages") -> None:
+        """Spin until as many messages have been heard."""
+        self.spin_until(lambda: len(heard) >= count, what)
+
     def listen(self, kind: type[Any], topic: str) -> list[Any]:
         """Return the list that the topic's messages will be in."""
         heard = self.heard.setdefault(topic, [])

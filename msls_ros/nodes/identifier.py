@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.srv import ChangeState
 from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -69,6 +72,7 @@ class IdentifierNode(LifecycleNode):
         declare_configuration(self)
         p = declare_table(self, NODE_PARAMETERS)
         warn_of_unknown(self)
+        self._guard_transitions()
         self._every = p["publish_every"]
         self._identifier: Identifier | None = None
         self._active = False
@@ -79,6 +83,21 @@ class IdentifierNode(LifecycleNode):
         self.add_post_set_parameters_callback(self._take_parameters)
         if p["autostart"]:
             self._start()
+
+    def _guard_transitions(self) -> None:
+        """Answer a transition that the present state does not have with no; rclpy would end the process over it."""
+
+        def guarded(answer: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
+            try:
+                return answer(request, response)
+            except RCLError as error:
+                self.get_logger().warning(f"refused (transition): {str(error).splitlines()[0]}")
+                response.success = False
+                return response
+
+        for service in self.services:
+            if service.srv_type is ChangeState:
+                service.callback = partial(guarded, service.callback)
 
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
