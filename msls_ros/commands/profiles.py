@@ -1,4 +1,7 @@
-"""Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual."""
+"""Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual.
+
+``python -m msls_ros.commands.profiles`` writes the shipped profiles again, after a parameter was added or described anew.
+"""
 
 from __future__ import annotations
 
@@ -122,3 +125,15 @@ def _yaml(value: Any) -> str:
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
     return repr(value)
+
+
+def refresh() -> None:
+    """Write every shipped profile again: its values and title as they are, the manual as it is now."""
+    for path in sorted(config_folder().glob("*.yaml")):
+        head = path.read_text(encoding="utf-8").split("\n\nidentifier:")[0]
+        title = "\n".join(line[2:] for line in head.splitlines())
+        path.write_text(render_profile(read_profile(path), title), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    refresh()
