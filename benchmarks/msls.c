@@ -7,9 +7,10 @@
  *     [     phi        | 1 ]  --->  [ R' | z ],     R' K = z,     theta_q += K (y_q - phi' theta_q)
  *     [     W0         | 0 ]
  *
- * and nothing else: no error bars, no check of the input. All matrices are stored by columns, which is faster here than by
- * rows by half: L[k] is column k of R, L[p] is z; B[k] holds column k of the rows below R (phi first).
+ * and nothing else: no error bars, no check of the input. All matrices are stored by columns, which is faster here
+ * than by rows by half: L[k] is column k of R, L[p] is z; B[k] holds column k of the rows below R, phi first.
  */
+
 #include <math.h>
 
 static void gain(int p, double *restrict L, const double *restrict phi, const double *restrict w0, double lambda,
@@ -61,6 +62,7 @@ static void gain(int p, double *restrict L, const double *restrict phi, const do
             z[i] -= L[j * p + i] * K[j];
     }
 }
+
 /* Take `samples` samples, phi (samples, p) and y (samples, rows). State: L (p + 1, p) and theta (rows, p), zero at the
  * start. K (p) is the last gain, work (p + 1, p + 1) scratch. */
 void msls_run(int samples, int p, int rows, double *restrict L, double *restrict theta, const double *restrict phi,
@@ -75,7 +77,8 @@ void msls_run(int samples, int p, int rows, double *restrict L, double *restrict
             double e = y[n * rows + q];
             for (int i = 0; i < p; i++)
                 e -= t[i] * x[i];
-            for (int i = 0; i < p; i++) t[i] += K[i] * e;
+            for (int i = 0; i < p; i++)
+                t[i] += K[i] * e;
         }
     }
 }

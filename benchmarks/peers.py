@@ -48,7 +48,7 @@ class CovarianceRLS:
 
 
 class TriangularPentagonal:
-    """LAPACK dtpqrt on ``[sqrt(lambda) R; phi; W0]`` (eq 14), W0 as its triangular part; without W0: square-root RLS."""
+    """LAPACK dtpqrt on ``[sqrt(lambda) R; phi; W0]`` (eq 14), W0 its triangular part; without W0: square-root RLS."""
 
     def __init__(self, p: int, rows: int, forgetting: float, w0: float = 0.0) -> None:
         lapack: Any = importlib.import_module("scipy.linalg.lapack")

@@ -1,8 +1,9 @@
 """The stream on which recursive estimators fail: two regressors that are almost one, and next to no memory.
 
-``phi ~ N(0, 1)`` but ``phi2 = phi1 + N(0, 0.01^2)``; ``y = phi1 - phi2 + N(0, 0.004^2)``: constant parameters (1, -1, 0, ...,
-0) in the direction that the data hardly show. The estimates start at zero, so a peak error (the largest of any parameter
-after any sample) of about 1 is the start itself, and what lies above it is noise that the estimator has amplified.
+``phi ~ N(0, 1)`` but ``phi2 = phi1 + N(0, 0.01^2)``; ``y = phi1 - phi2 + N(0, 0.004^2)``: constant parameters
+(1, -1, 0, ..., 0) in the direction that the data hardly show. The estimates start at zero, so a peak error (the largest
+of any parameter after any sample) of about 1 is the start itself; what lies above it is noise that the estimator has
+amplified.
 """
 
 from __future__ import annotations
@@ -48,7 +49,7 @@ def survive(peer: Peer, forgetting: float, p: int, samples: int) -> tuple[int | 
     Returns
     -------
     tuple
-        The first sample (from 0) after which an estimate is NaN or infinite, None if there is none; the peak error before.
+        The first sample (from 0) after which an estimate is not finite (None: never), and the peak error until then.
     """
     phi, y, true = stream(p, samples)
     estimator = peer.make(p, 1, forgetting, W0)

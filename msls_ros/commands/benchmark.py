@@ -1,4 +1,4 @@
-"""`benchmark`: our kernel beside plain C and the peers of Python: time per update (kernel), a stream that kills (stress)."""
+"""`benchmark`: our kernel beside plain C and its peers: time per update (kernel), ill-conditioned stream (stress)."""
 
 from __future__ import annotations
 
