@@ -12,13 +12,14 @@ from msls_ros.plant.interface import (
     STATES,
     SURFACES,
     SURFACES_OF,
+    TURBULENCE,
     Actuator,
     LinearTruth,
     PlantError,
     Sample,
     actuator_gain,
 )
-from msls_ros.plant.manoeuvres import Manoeuvre, RollDoublet, Steady
+from msls_ros.plant.manoeuvres import MANOEUVRES, Manoeuvre, RollDoublet, Steady, StrongManoeuvre
 from msls_ros.plant.pilot import Pilot
 from msls_ros.plant.sensors import NOISE_LEVELS, NoiseLevel, Sensors
 from msls_ros.plant.trim import Trim, find_trim
@@ -27,12 +28,14 @@ __all__ = [
     "ACTUATORS",
     "CONDITIONS",
     "EFFECTORS",
+    "MANOEUVRES",
     "NOISE_LEVELS",
     "PILOT_STATION",
     "STATES",
     "SURFACES",
     "SURFACES_OF",
     "SURFACE_ACTUATORS",
+    "TURBULENCE",
     "Actuator",
     "Aircraft",
     "FlightCondition",
@@ -45,6 +48,7 @@ __all__ = [
     "Sample",
     "Sensors",
     "Steady",
+    "StrongManoeuvre",
     "Trim",
     "actuator_gain",
     "find_trim",

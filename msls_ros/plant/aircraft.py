@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +16,7 @@ from msls_ros.plant.interface import (
     EFFECTORS_FROM_SURFACES,
     SURFACES,
     SURFACES_OF,
+    TURBULENCE,
     LinearTruth,
     PlantError,
     Sample,
@@ -36,27 +38,61 @@ class Aircraft:
         Where it starts.
     rate : int
         Steps per second [Hz], 50 to 1000.
+    turbulence : str
+        A name of `TURBULENCE`: Dryden gusts of MIL-F-8785C.
+    seed : int
+        Of the gusts, from 0; the same seed gives the same gusts.
+    velocities : str
+        What `u`, `v`, `w` of a sample are in turbulence: of the aircraft in the "air", as air data give them, or
+        "inertial". In still air they are the same.
 
     Raises
     ------
     PlantError
-        If the rate is out of range or the condition cannot be trimmed.
+        If the condition cannot be trimmed or another argument is none of those described.
 
     Notes
     -----
     States, derivatives and deflections of a sample belong to one instant. There is no reset: build a new aircraft.
+
+    Turbulence blows at the centre of mass and turns the air about it. It starts from still air and reaches its
+    strength in some 1750 ft / airspeed: 7 s at high alpha. Body rates are always inertial. Derivatives of `u`, `v`,
+    `w` are always those without the gusts' own acceleration: specific force and gravity, less ``rates x velocities``
+    with the velocities of the sample. With "air" velocities the turning of the air is all that a model of x and delta
+    does not know; with "inertial" ones the gusts themselves are. A pilot who sees only inertial ones cannot hold the
+    high angle of attack inside the aerodynamic tables.
     """
 
-    def __init__(self, condition: FlightCondition, *, rate: int = 100) -> None:
+    def __init__(
+        self,
+        condition: FlightCondition,
+        *,
+        rate: int = 100,
+        turbulence: str = "none",
+        seed: int = 0,
+        velocities: str = "air",
+    ) -> None:
         if isinstance(rate, bool) or not isinstance(rate, int) or not 50 <= rate <= 1000:
             message = f"rate {rate!r}: expected a whole number of steps per second from 50 to 1000"
+            raise PlantError(message)
+        if turbulence not in TURBULENCE:
+            message = f"unknown turbulence {turbulence!r}: expected one of {', '.join(TURBULENCE)}"
+            raise PlantError(message)
+        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+            message = f"seed {seed!r}: expected a whole number of at least 0"
+            raise PlantError(message)
+        if velocities not in ("air", "inertial"):
+            message = f"velocities {velocities!r}: expected air or inertial"
             raise PlantError(message)
         self.trim = find_trim(condition)
         self.rate = rate
         self._steps = 0
+        self._air_data = velocities == "air" and TURBULENCE[turbulence] > 0
         self._model = Model(condition, rate)
         self._model.surround(Surroundings(self.trim.place, self.trim.throttle, (1.0,) * 7, (0.0,) * 7))
         self._model.put(self.trim.x.tolist(), self.trim.delta.tolist())
+        if TURBULENCE[turbulence]:
+            self._model.stir(TURBULENCE[turbulence], seed)
         self._psi = float(self.trim.x[_PSI])
         self._twin: Twin | None = None
 
@@ -92,8 +128,17 @@ class Aircraft:
         """Noise-free states, derivatives and measured deflections of the present instant."""
         x = self._model.state()
         x[_PSI] = self._psi
+        xdot = self._model.derivative()
+        if self._air_data:
+            air = self._model.air_relative()[:3]
+            xdot[:3] += np.cross(x[3:6], x[:3] - air)
+            x[:3] = air
         delta = EFFECTORS_FROM_SURFACES.dot(self._model.positions())
-        return Sample(self.time, x, self._model.derivative(), delta)
+        return Sample(self.time, x, xdot, delta)
+
+    def air_relative(self) -> npt.NDArray[np.float64]:
+        """Body velocities and rates relative to the moving air (6,) [m/s, rad/s]: what the aerodynamics feel."""
+        return self._model.air_relative()
 
     def damage(self, surface_or_effector: str, effectiveness: float, bias: float = 0.0) -> str:
         """Damage a surface, or all surfaces of an effector, from the next step on.
@@ -141,11 +186,16 @@ class Aircraft:
 
     def truth(self) -> LinearTruth:
         """Linearise the equations of motion at the present instant, damage included; the flight is not disturbed."""
-        return self._get_twin().tangent(self.sample(), self._model.surroundings())
+        return self._get_twin().tangent(self.sample(), self._surroundings())
 
     def twin_derivative(self) -> npt.NDArray[np.float64]:
         """Time derivatives (9,) as the twin behind `truth` computes them: the check that the twin is one."""
-        return self._get_twin().derivative(self.sample(), self._model.surroundings())
+        return self._get_twin().derivative(self.sample(), self._surroundings())
+
+    def _surroundings(self) -> Surroundings:
+        """What the twin needs; it moves with the air where the velocities do."""
+        now = self._model.surroundings()
+        return replace(now, wind=(0.0, 0.0, 0.0)) if self._air_data else now
 
     def _get_twin(self) -> Twin:
         if self._twin is None:

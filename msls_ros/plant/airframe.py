@@ -15,7 +15,7 @@ Nothing of the bundled aircraft is stored in this package. What is done to it, a
 
 A ballast, if any, sits at the centre of mass and adds no inertia. Thrust vectoring turns the engine's thrust at the
 nozzle, 16 ft aft of the centre of mass. A lost surface is one that no longer makes force when deflected; its drag and
-weight stay. The fuel does not burn down, the throttle does not move, and there is no wind.
+weight stay. The fuel does not burn down, the throttle does not move, and there is no wind but JSBSim's turbulence.
 """
 
 from __future__ import annotations
@@ -91,6 +91,20 @@ def _merge_differential_tail(aerodynamics: ET.Element) -> None:
         _required(axes.get(axis.get("name")), f"{axis.get('name')} axis").extend(list(axis))
 
 
+def _turn_air(aerodynamics: ET.Element) -> None:
+    """Let the aerodynamics feel the rates less a rotation of the air that can be set: JSBSim's own cannot."""
+    for axis in ("p", "q", "r"):
+        rate, felt = f"velocities/{axis}-aero-rad_sec", f"aero/{axis}-felt-rad_sec"
+        for element in aerodynamics.iter("property"):
+            if (element.text or "").strip() == rate:
+                element.text = felt
+        function = ET.Element("function", name=felt)
+        difference = ET.SubElement(function, "difference")
+        for name in (rate, f"wind/{axis}-rad_sec"):
+            ET.SubElement(difference, "property").text = name
+        aerodynamics.insert(0, function)
+
+
 @cache
 def _bundled_text() -> str:
     path = Path(jsbsim.get_default_root_dir()) / "aircraft" / "f16" / "f16.xml"
@@ -116,6 +130,7 @@ def _aircraft_xml(ballast: float) -> str:
         _required(aerodynamics.find(".//function[@name='aero/coefficient/CLDh']/product/table"), "stabilator lift")
     )
     _merge_differential_tail(aerodynamics)
+    _turn_air(aerodynamics)
     position = list(root).index(aerodynamics)
     root.insert(position, ET.Element("flight_control", file="controls"))
     propulsion = _required(root.find("propulsion"), "propulsion")

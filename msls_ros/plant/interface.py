@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -60,6 +61,10 @@ PILOT_STATION: tuple[float, float] = (12.0 * 0.3048, 2.76 * 0.3048)
 """The pilot's eye point [m]: forward of, and above, the centre of mass (l1, l2 of eq 20)."""
 
 
+TURBULENCE: Mapping[str, int] = MappingProxyType({"none": 0, "light": 3, "moderate": 4, "severe": 6})
+"""Curves of figure 7 of MIL-F-8785C by name: exceeded with a probability of 1e-2, 1e-3, 1e-5; 0 is still air."""
+
+
 class PlantError(ValueError):
     """The plant was asked for something it cannot do; says what was found and what was expected."""
 
@@ -73,9 +78,10 @@ class Sample:
     time : float
         Simulated time since the start [s].
     x : ndarray, shape (9,)
-        States in the order of `STATES` [m/s, rad/s, rad]; Psi is continuous (not wrapped).
+        States in the order of `STATES` [m/s, rad/s, rad]; Psi is continuous (not wrapped). In turbulence the
+        velocities are those that the `Aircraft` was asked for; body rates are inertial.
     xdot : ndarray, shape (9,)
-        Their time derivatives [m/s^2, rad/s^2, rad/s].
+        Their time derivatives [m/s^2, rad/s^2, rad/s], of the velocities without the gusts' acceleration.
     delta : ndarray, shape (7,)
         Measured deflections in the order of `EFFECTORS` [rad]: where the actuators are, damaged or not.
     """

@@ -35,11 +35,28 @@ _XDOT = (
     "velocities/thetadot-rad_sec",
     "velocities/psidot-rad_sec",
 )
+_AIR_RELATIVE = (
+    "velocities/u-aero-fps",
+    "velocities/v-aero-fps",
+    "velocities/w-aero-fps",
+    "velocities/p-aero-rad_sec",
+    "velocities/q-aero-rad_sec",
+    "velocities/r-aero-rad_sec",
+)
 _PLACE = ("position/h-sl-ft", "position/lat-geod-rad")
+_TURBULENCE = tuple(f"atmosphere/turb-{axis}-fps" for axis in ("north", "east", "down"))
+_GUST = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
+_TURBULENCE_RATES = tuple(f"atmosphere/{axis}-turb-rad_sec" for axis in ("p", "q", "r"))
+_SET_GUST_RATES = tuple(f"wind/{axis}-rad_sec" for axis in ("p", "q", "r"))
 _IC_PLACE = ("ic/h-sl-ft", "ic/lat-geod-rad")
 _IC_ATTITUDE = ("ic/phi-rad", "ic/theta-rad", "ic/psi-true-rad")
 _IC_VELOCITY = ("ic/u-fps", "ic/v-fps", "ic/w-fps")
 _IC_RATES = ("ic/p-rad_sec", "ic/q-rad_sec", "ic/r-rad_sec")
+# JSBSim's own Dryden filters by the bilinear transformation; its default, 3, has first-order v and w gusts.
+_TUSTIN = 4
+_STREAM = 0x6057
+# JSBSim's generator is the minimal standard one: seeds 1 to this, and 0 is the same as 1.
+_GENERATOR_SEEDS = 2**31 - 2
 _SI = np.array([FOOT, FOOT, FOOT, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 
 
@@ -55,12 +72,18 @@ class Surroundings:
         Throttle command [1]; 0.5 is full dry thrust, above it the afterburner works. The engine has settled at it.
     effectiveness, bias : tuple of float
         Damage by surface: what is left [1], added deflection [rad].
+    wind : tuple of float
+        Speed of the air to the north, to the east, down [ft/s].
+    wind_rates : tuple of float
+        Rotation of the air about the body axes [rad/s].
     """
 
     place: tuple[float, ...]
     throttle: float
     effectiveness: tuple[float, ...]
     bias: tuple[float, ...]
+    wind: tuple[float, ...] = (0.0, 0.0, 0.0)
+    wind_rates: tuple[float, ...] = (0.0, 0.0, 0.0)
 
 
 class Model:
@@ -87,6 +110,10 @@ class Model:
         self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
         self._place = self._nodes(_PLACE)
+        self._wind = self._nodes(_TURBULENCE)
+        self._wind_rates = self._nodes(_TURBULENCE_RATES)
+        self._air_relative = self._nodes(_AIR_RELATIVE)
+        self._set_wind = self._nodes((*_GUST, *_SET_GUST_RATES))
         self._ic_place = self._nodes(_IC_PLACE)
         self._ic_state = self._nodes((*_IC_ATTITUDE, *_IC_VELOCITY, *_IC_RATES))
         self.run = self._fdm.run
@@ -115,6 +142,21 @@ class Model:
             message = "JSBSim cannot start from the initial condition: expected finite states and commands"
             raise PlantError(message)
 
+    def stir(self, severity: int, seed: int) -> None:
+        """Switch on the Dryden turbulence of MIL-F-8785C, which starts from still air.
+
+        Parameters
+        ----------
+        severity : int
+            Curve of figure 7 of MIL-F-8785C, 1 to 7.
+        seed : int
+            At least 0; flights with different seeds meet different gusts.
+        """
+        start = int(np.random.SeedSequence([_STREAM, seed]).generate_state(1)[0]) % _GENERATOR_SEEDS + 1
+        self._fdm.set_property_value("atmosphere/randomseed", start)
+        self._fdm.set_property_value("atmosphere/turb-type", _TUSTIN)
+        self._fdm.set_property_value("atmosphere/turbulence/milspec/severity", severity)
+
     def speed_of_sound(self) -> float:
         """Speed of sound where the model is [m/s]."""
         return float(self._fdm.get_property_value("atmosphere/a-fps")) * FOOT
@@ -126,6 +168,8 @@ class Model:
             throttle=self._throttle[0].get_double_value(),
             effectiveness=tuple(node.get_double_value() for node in self._effectiveness),
             bias=tuple(node.get_double_value() for node in self._bias),
+            wind=tuple(node.get_double_value() for node in self._wind),
+            wind_rates=tuple(node.get_double_value() for node in self._wind_rates),
         )
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -135,6 +179,7 @@ class Model:
             (self._throttle, (surroundings.throttle,)),
             (self._effectiveness, surroundings.effectiveness),
             (self._bias, surroundings.bias),
+            (self._set_wind, (*surroundings.wind, *surroundings.wind_rates)),
         ):
             for node, value in zip(nodes, values, strict=True):
                 node.set_double_value(value)
@@ -170,6 +215,11 @@ class Model:
     def derivative(self) -> Array:
         """Time derivatives of the states (9,) [m/s^2, rad/s^2, rad/s]."""
         values: Array = np.array([node.get_double_value() for node in self._xdot]) * _SI
+        return values
+
+    def air_relative(self) -> Array:
+        """Body velocities and rates relative to the air (6,) [m/s, rad/s]."""
+        values: Array = np.array([node.get_double_value() for node in self._air_relative]) * _SI[:6]
         return values
 
     def positions(self) -> Array:

@@ -134,7 +134,7 @@ class Pilot:
         airspeed = max(math.sqrt(u * u + v * v + w * w), 1.0)
         alpha = math.atan2(w, u)
         delta = self._trim.delta.copy()
-        moment = self._pitch(time, alpha - self._trim.alpha, q)
+        moment = self._pitch(time, alpha - self._trim.alpha - self._manoeuvre.alpha_offset(time), q)
         delta[EFFECTORS.index("de")] += 0.5 * moment
         delta[EFFECTORS.index("dte")] += moment
         roll_rate = self._manoeuvre.roll_rate(time)
