@@ -227,8 +227,8 @@ def msls_gain(
 def rls_gain(C: Array, phi: Array, forgetting: float, work: Work) -> None:
     """One RLS update in symmetric covariance form: ``C`` and ``work.K`` change.
 
-    Both triangles come from one commutative expression, so C stays symmetric to the last bit; the textbook form
-    ``(C - k phi' C)/lambda`` does not and ends in NaN.
+    Both triangles come from one commutative expression, so C stays symmetric to the last bit; in the textbook form
+    ``(C - k phi' C)/lambda`` the asymmetry grows by 1/lambda a sample, until it ends in NaN.
 
     Parameters
     ----------

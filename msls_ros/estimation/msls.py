@@ -250,7 +250,10 @@ class MSLS(_Recursive):
 
 
 class RLS(_Recursive):
-    """Recursive least squares with a shared covariance, in the symmetric form that does not end in NaN.
+    """Recursive least squares with a shared covariance, symmetric to the last bit.
+
+    That outlasts the textbook form, but does not save it: where the memory is shorter than the regressor (forgetting
+    factor 0.1, 17 regressors) it too loses positive definiteness, after some 700 samples, and ends in NaN.
 
     Parameters
     ----------
