@@ -4,6 +4,10 @@ The kernels are explicit loops over float64 with `math.sqrt` only: no BLAS, no f
 and interpreted they give the same bits. Compiled code is cached on disk. An entry of numba's cache knows its own source
 file only and would survive an edit of a function that it calls, so the cache folder carries a hash of all sources of
 the room.
+
+Kernels write into arrays that they are given and allocate none, so they are compiled without numba's run time for
+memory: it would count the references to every array of a state at every call of a helper, with atomic operations, which
+takes four times as long as the arithmetic. A kernel that allocates does not compile.
 """
 
 from __future__ import annotations
@@ -27,17 +31,19 @@ try:
 except ImportError:
     HAVE_NUMBA = False
 
+OPTIONS: dict[str, Any] = {"cache": True, "fastmath": False, "error_model": "numpy", "forceinline": True, "_nrt": False}
+
 _warned = False
 
 
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile a kernel with numba, without fastmath; without numba return it as it is."""
+    """Compile a kernel with numba: no fastmath, no allocation; without numba return it as it is."""
     if not HAVE_NUMBA:
         return function
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder()
     try:
-        compiled_function: Callable[P, T] = numba.njit(cache=True, fastmath=False, error_model="numpy", forceinline=True)(function)
+        compiled_function: Callable[P, T] = numba.njit(**OPTIONS)(function)
     finally:
         numba_config.CACHE_DIR = before
     return compiled_function

@@ -46,7 +46,7 @@ class Suspect:
 
 
 @compiled
-def invert(matrix: Array, inverse: Array) -> bool:
+def invert(matrix: Array, inverse: Array, work: Array) -> bool:
     """Invert a symmetric positive definite matrix by Cholesky; False where it is not positive definite.
 
     Parameters
@@ -55,9 +55,12 @@ def invert(matrix: Array, inverse: Array) -> bool:
         (p, p); its lower triangle is read.
     inverse
         (p, p) out.
+    work
+        (2, p, p) scratch.
     """
     p = matrix.shape[0]
-    L = np.zeros((p, p))
+    L = work[0]
+    V = work[1]
     for i in range(p):
         for j in range(i + 1):
             total = matrix[i, j]
@@ -69,7 +72,6 @@ def invert(matrix: Array, inverse: Array) -> bool:
                 L[i, i] = math.sqrt(total)
             else:
                 return False
-    V = np.zeros((p, p))
     for j in range(p):
         for i in range(j, p):
             total = 1.0 if i == j else 0.0
@@ -87,7 +89,7 @@ def invert(matrix: Array, inverse: Array) -> bool:
 
 
 @compiled
-def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: Array) -> float:
+def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: Array, work: Array) -> float:
     """Joint change of the chosen columns, the others unchanged; return how much of ``D' W D`` it explains, or -1.
 
     Parameters
@@ -98,13 +100,15 @@ def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: 
         (f,) columns, as floats.
     change, covariance
         (f,) and (f, f) out.
+    work
+        (3, f, f) scratch.
     """
     f = chosen.shape[0]
-    block = np.zeros((f, f))
+    block = work[2]
     for i in range(f):
         for j in range(f):
             block[i, j] = W[int(chosen[i]), int(chosen[j])]
-    if not invert(block, covariance):
+    if not invert(block, covariance, work):
         return -1.0
     explained = 0.0
     for i in range(f):
@@ -150,7 +154,7 @@ def suspects(
         return []
     W = np.zeros((p, p))
     difference = (since - before) / scale
-    if not invert(covariance / scale[:, None] / scale, W):
+    if not invert(covariance / scale[:, None] / scale, W, np.zeros((2, p, p))):
         return []
     WD = np.array([_dot(row, difference) for row in W])
     chosen, change, errors, share = _grow(W, WD, _dot(WD, difference), significance, explained)
@@ -190,7 +194,7 @@ def _grow(
 def _explained(W: Array, WD: Array, chosen: list[int]) -> tuple[float, list[float], list[float]]:
     f = len(chosen)
     change, covariance = np.zeros(f), np.zeros((f, f))
-    value = joint_change(W, WD, np.array(chosen, dtype=np.float64), change, covariance)
+    value = joint_change(W, WD, np.array(chosen, dtype=np.float64), change, covariance, np.zeros((3, f, f)))
     return value, change.tolist(), [math.sqrt(max(v, 0.0)) or math.inf for v in np.diagonal(covariance).tolist()]
 
 
