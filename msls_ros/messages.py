@@ -22,10 +22,9 @@ except ImportError as error:
     raise ImportError(text) from error
 from builtin_interfaces.msg import Time
 
-from msls_ros import estimation
+from msls_ros import estimation, records
 
 Array = NDArray[np.float64]
-FRAME = "base_link_frd"
 
 
 def stamp_of(message: Any) -> int:
@@ -35,7 +34,8 @@ def stamp_of(message: Any) -> int:
 
 def time_message(stamp: int) -> Time:
     """Return a stamp [ns] as a message."""
-    return Time(sec=stamp // 1_000_000_000, nanosec=stamp % 1_000_000_000)
+    seconds, nanoseconds = records.split_stamp(stamp)
+    return Time(sec=seconds, nanosec=nanoseconds)
 
 
 def doubles(values: NDArray[Any]) -> array[float]:
@@ -45,79 +45,47 @@ def doubles(values: NDArray[Any]) -> array[float]:
 
 def _fill(message: Any, stamp: int, **fields: Any) -> Any:
     message.header.stamp = time_message(stamp)
-    message.header.frame_id = FRAME
+    message.header.frame_id = records.FRAME
     for name, value in fields.items():
-        setattr(message, name, value)
+        setattr(message, name, _plain(value))
     return message
+
+
+def _plain(value: Any) -> Any:
+    """Return a field in the form that rclpy takes."""
+    if not isinstance(value, np.ndarray):
+        return value
+    return value.ravel().tolist() if value.dtype == np.bool_ else doubles(value)
 
 
 def state_message(stamp: int, states: Sequence[str], x: Array, xdot: Array) -> StateSample:
     """Return states and derivatives of one instant as a message; an empty ``xdot`` means not measured."""
-    return _fill(StateSample(), stamp, states=list(states), x=doubles(x), xdot=doubles(xdot))
+    return _fill(StateSample(), stamp, states=list(states), x=x, xdot=xdot)
 
 
 def effector_message(stamp: int, effectors: Sequence[str], delta: Array) -> EffectorSample:
     """Return measured deflections [rad] as a message."""
-    return _fill(EffectorSample(), stamp, effectors=list(effectors), delta=doubles(delta))
+    return _fill(EffectorSample(), stamp, effectors=list(effectors), delta=delta)
 
 
 def command_message(stamp: int, effectors: Sequence[str], delta: Array) -> EffectorCommand:
     """Return commanded deflections [rad] as a message."""
-    return _fill(EffectorCommand(), stamp, effectors=list(effectors), delta=doubles(delta))
+    return _fill(EffectorCommand(), stamp, effectors=list(effectors), delta=delta)
 
 
 def dither_message(stamp: int, effectors: Sequence[str], dither: estimation.Dither) -> DitherCommand:
     """Return a dither as a message."""
-    return _fill(
-        DitherCommand(),
-        stamp,
-        effectors=list(effectors),
-        delta=doubles(dither.delta),
-        rms=dither.rms,
-        predicted_acceleration=dither.predicted_acceleration,
-        acceleration_limit=dither.acceleration_limit,
-        level=int(dither.level),
-        reason=dither.reason,
-    )
+    return _fill(DitherCommand(), stamp, **records.dither_fields(effectors, dither))
 
 
 def fault_message(stamp: int, event: estimation.FaultEvent) -> FaultEvent:
     """Return a fault event as a message."""
-    return _fill(
-        FaultEvent(),
-        stamp,
-        kind=int(event.kind),
-        equations=list(event.equations),
-        statistic=array("d", event.statistic),
-        threshold=array("d", event.threshold),
-        suspected_effector=event.suspected_effector,
-        effectiveness=event.effectiveness,
-        effectiveness_std=event.effectiveness_std,
-        description=event.description,
-    )
+    return _fill(FaultEvent(), stamp, **records.fault_fields(event))
 
 
 def model_message(stamp: int, estimate: estimation.Estimate) -> LinearModel:
     """Return an estimate as a message."""
-    return _fill(
-        LinearModel(),
-        stamp,
-        states=list(estimate.states),
-        effectors=list(estimate.effectors),
-        a=doubles(estimate.a),
-        b=doubles(estimate.b),
-        bias=doubles(estimate.bias),
-        a_std=doubles(estimate.a_std),
-        b_std=doubles(estimate.b_std),
-        a_known=estimate.a_known.ravel().tolist(),
-        a_reliable=estimate.a_reliable.ravel().tolist(),
-        b_reliable=estimate.b_reliable.ravel().tolist(),
-        regressors=list(estimate.regressors),
-        excitation=doubles(estimate.excitation),
-        residual_std=doubles(estimate.residual_std),
-        forgetting_factor=doubles(estimate.forgetting_factor),
-        samples=estimate.samples,
-    )
+    return _fill(LinearModel(), stamp, **records.model_fields(estimate))
 
 
 def truth_message(
@@ -130,9 +98,9 @@ def truth_message(
         stamp,
         states=list(states),
         effectors=list(effectors),
-        a=doubles(a),
-        b=doubles(b),
-        bias=doubles(bias),
+        a=a,
+        b=b,
+        bias=bias,
         a_std=array("d", bytes(8 * n * n)),
         b_std=array("d", bytes(8 * n * m)),
         a_known=[True] * (n * n),

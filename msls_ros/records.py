@@ -1,0 +1,73 @@
+"""What each of the identifier's messages holds, field by field: one list for the node and for the bag writer.
+
+Neither ROS nor a bag is needed here: `messages` puts these fields into `msls_msgs`, `commands.offline` into CDR.
+Arrays keep their shape; both sides write them row-major.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation import Dither, Estimate, FaultEvent
+
+FRAME = "base_link_frd"
+Fields = Mapping[str, Any]
+
+DITHER_NUMBERS = ("delta", "rms", "predicted_acceleration", "acceleration_limit", "level")
+"""Fields of a dither that are numbers; they have the same names in `Dither`, `DitherBlock` and the message."""
+_MODEL_NAMES = ("states", "effectors", "regressors")
+MODEL_NUMBERS = (
+    "a",
+    "b",
+    "bias",
+    "a_std",
+    "b_std",
+    "a_known",
+    "a_reliable",
+    "b_reliable",
+    "excitation",
+    "residual_std",
+    "forgetting_factor",
+    "samples",
+)
+"""Fields of a model that change from one to the next; they have the same names in `Estimate` and the message."""
+
+
+def split_stamp(stamp: int) -> tuple[int, int]:
+    """Return a stamp [ns] as seconds and nanoseconds."""
+    return divmod(stamp, 1_000_000_000)
+
+
+def header_fields(stamp: int) -> Fields:
+    """Return the header of a stamp [ns]."""
+    seconds, nanoseconds = split_stamp(stamp)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": FRAME}
+
+
+def dither_fields(effectors: Sequence[str], dither: Dither) -> Fields:
+    """Return the fields of a `DitherCommand` but its header."""
+    numbers = {name: getattr(dither, name) for name in DITHER_NUMBERS}
+    return {"effectors": list(effectors), **numbers, "level": int(dither.level), "reason": dither.reason}
+
+
+def fault_fields(event: FaultEvent) -> Fields:
+    """Return the fields of a `FaultEvent` but its header."""
+    return {
+        "kind": int(event.kind),
+        "equations": list(event.equations),
+        "statistic": np.array(event.statistic, dtype=np.float64),
+        "threshold": np.array(event.threshold, dtype=np.float64),
+        "suspected_effector": event.suspected_effector,
+        "effectiveness": event.effectiveness,
+        "effectiveness_std": event.effectiveness_std,
+        "description": event.description,
+    }
+
+
+def model_fields(estimate: Estimate) -> Fields:
+    """Return the fields of a `LinearModel` but its header."""
+    names = {name: list(getattr(estimate, name)) for name in _MODEL_NAMES}
+    return {**names, **{name: getattr(estimate, name) for name in MODEL_NUMBERS}}
