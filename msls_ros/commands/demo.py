@@ -8,23 +8,30 @@ import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from rclpy.logging import LoggingSeverity, set_logger_level
 
-from msls_ros.bags import BagError
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.scenarios import BY_NOISE, SCENARIOS, Scenario
-from msls_ros.estimation import EstimationError
-from msls_ros.plant import EFFECTORS, PlantError
+from msls_ros.nodes.running import BAD_INPUT
+from msls_ros.plant import EFFECTORS
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Says what is wrong with the command line in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message without the usage, and exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; --help tells more\n")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in SCENARIOS.values())
-    result = argparse.ArgumentParser(
+    result = OneLineParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly the F-16/MATV in closed loop with the identifier, over DDS; record, compare, draw.",
@@ -46,7 +53,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def _seed(text: str) -> int:
-    if not text.isdigit() or int(text) >= 2**31:
+    if not (text.isascii() and text.isdigit()) or int(text) >= 2**31:
         message = f"{text!r} is not a seed; expected a whole number from 0 to {2**31 - 1}"
         raise argparse.ArgumentTypeError(message)
     return int(text)
@@ -60,9 +67,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         _prepare(out)
         summary = run(scenario, out, noise=arguments.noise, seed=arguments.seed, dither=not arguments.no_dither)
-    except (BagError, PlantError, EstimationError, FlightError, OSError) as error:
+    except (*BAD_INPUT, FlightError, OSError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
+    except KeyboardInterrupt:
+        print(f"\ndemo: interrupted; what was flown so far is in '{out / 'bag'}'", file=sys.stderr)
+        return 130
     print(json.dumps(summary, indent=2) if arguments.json else describe(scenario, summary))
     return 0
 
@@ -101,6 +111,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         "bag": str(record.bag),
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
     }
+    summary = json.loads(json.dumps(summary), parse_constant=lambda _: None)  # JSON knows no NaN
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
 

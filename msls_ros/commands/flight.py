@@ -82,11 +82,12 @@ def fly(
     Raises
     ------
     FlightError
-        If the nodes do not find each other, or messages are lost.
-    BagError, PlantError, EstimationError
+        If the nodes do not find each other, are not alone, or messages are lost.
+    BagError, PlantError, EstimationError, NodeError
         For bad input.
     """
     with ExitStack() as stack:
+        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
         context = Context()
         rclpy.init(context=context, domain_id=domain())
         stack.callback(context.try_shutdown)
@@ -142,6 +143,7 @@ def _plant_parameters(scenario: Scenario, noise: str, seed: int) -> dict[str, An
 def _connect(executor: SingleThreadedExecutor, nodes: Sequence[Node]) -> None:
     """Wait until every publisher knows every subscription of its topic among the nodes."""
     expected = Counter(s.topic_name for node in nodes for s in node.subscriptions)
+    own = Counter(p.topic_name for node in nodes for p in node.publishers)
     deadline = time.monotonic() + CONNECT_TIME_OUT
     while True:
         short = [
@@ -151,6 +153,12 @@ def _connect(executor: SingleThreadedExecutor, nodes: Sequence[Node]) -> None:
             if p.get_subscription_count() < expected[p.topic_name]
             and not p.topic_name.startswith(("/rosout", "/parameter"))
         ]
+        strangers = [topic for topic in expected if nodes[0].count_publishers(topic) > own[topic]]
+        if strangers:
+            message = (
+                f"somebody else publishes {strangers[0]} in ROS domain {domain()}: set ROS_DOMAIN_ID to a free one"
+            )
+            raise FlightError(message)
         if not short:
             return
         if time.monotonic() > deadline:
@@ -164,11 +172,13 @@ def _connect(executor: SingleThreadedExecutor, nodes: Sequence[Node]) -> None:
 def _drain(
     executor: SingleThreadedExecutor, recorder: RecorderNode, identifier: IdentifierNode, plant: PlantNode
 ) -> None:
-    """Spin until the recorder has all samples and the identifier's answers to them."""
+    """Spin until the recorder has all that was published, the answers to the last sample too."""
     deadline = time.monotonic() + DRAIN_TIME_OUT
-    wanted = plant.samples
-    while min(recorder.counts[topic] for topic in ("state", "effectors", "dither", "command", "model")) < wanted:
+    wanted = Counter(dict.fromkeys(("state", "effectors", "dither", "command", "model"), plant.samples))
+    wanted += Counter({"truth/state": plant.samples, "/clock": plant.samples, "truth/model": plant.truths})
+    wanted += Counter({"fault": identifier.events})
+    while not wanted <= recorder.counts:
         if time.monotonic() > deadline:
-            message = f"the recorder has {dict(recorder.counts)}; expected {wanted} samples: messages were lost"
+            message = f"the recorder has {dict(recorder.counts)}; expected {dict(wanted)}: messages were lost"
             raise FlightError(message)
         executor.spin_once(timeout_sec=0.1)

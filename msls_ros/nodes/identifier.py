@@ -77,6 +77,8 @@ class IdentifierNode(LifecycleNode):
         self._identifier: Identifier | None = None
         self._active = False
         self._stale = True
+        self.events = 0
+        """Fault events published."""
         self.estimate: Estimate | None = None
         """The last estimate."""
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -210,6 +212,7 @@ class IdentifierNode(LifecycleNode):
         for event in estimate.events:
             self.get_logger().warning(event.description)
             self._fault_publisher.publish(messages.fault_message(sample.stamp, event))
+            self.events += 1
         if estimate.samples % self._every == 0:
             self._model_publisher.publish(messages.model_message(sample.stamp, estimate))
 

@@ -46,6 +46,8 @@ PARAMETERS = {
     "fault.effectiveness": fixed(0.0, "what is left of its effect", low=0.0, high=1.0),
     "fault.bias": fixed(0.0, "constant deflection-equivalent that the damage adds", unit="rad", low=-0.5, high=0.5),
 }
+READY_CHECKS = 10
+"""Checks in a row, 20 ms apart, that must find pilot and identifier connected before the flight begins."""
 SETTLING_TIME = 1.0
 """A reset before this much flight [s] would look like messages out of order to those who listen."""
 
@@ -76,6 +78,8 @@ class PlantNode(Node):
         """Samples that were not answered in time."""
         self.samples = 0
         """Samples published since the start."""
+        self.truths = 0
+        """Truth models published since the start."""
         self.finished: Future = Future()
         """Done when the flight has lasted for ``duration``."""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -114,6 +118,7 @@ class PlantNode(Node):
         else:
             self.create_timer(self.sample_period, self._tick, clock=self._steady)
         if self._p["autostart"]:
+            self._ready = 0
             self._starter = self.create_timer(0.02, self._start_when_ready, clock=self._steady)
         self._diagnostics = Diagnostics(self, self._health, self.refused)
 
@@ -127,7 +132,7 @@ class PlantNode(Node):
         self._stamp = 0
         self._fault_due = self._p["fault.time"] >= 0.0
         self._truth_due = True
-        self.samples = 0
+        self.samples = self.truths = 0
 
     def start(self) -> None:
         """Publish the first sample; the answers drive the rest."""
@@ -135,10 +140,13 @@ class PlantNode(Node):
         self._publish()
 
     def _start_when_ready(self) -> None:
-        """Start as soon as those who must answer are connected."""
+        """Start when those who must answer have been connected for a while: discovery goes both ways."""
         asked = ["command", "dither"] if self._p["wait_for_dither"] else ["command"]
         answered = all(self.count_publishers(self.resolve_topic_name(topic)) > 0 for topic in asked)
-        if answered and self.state_publisher.get_subscription_count() >= len(asked):
+        heard = self.state_publisher.get_subscription_count() >= len(asked)
+        seen = "dither" not in asked or self.effector_publisher.get_subscription_count() > 0
+        self._ready = self._ready + 1 if answered and heard and seen else 0
+        if self._ready == READY_CHECKS:
             self.destroy_timer(self._starter)
             if not self._running:
                 self.start()
@@ -158,6 +166,7 @@ class PlantNode(Node):
             message = messages.truth_message(stamp, STATES, EFFECTORS, truth.a, truth.b, truth.bias)
             self.truth_model_publisher.publish(message)
             self._truth_due = False
+            self.truths += 1
         self.samples += 1
         self.state_publisher.publish(messages.state_message(stamp, STATES, measured.x, measured.xdot))
         self.effector_publisher.publish(messages.effector_message(stamp, EFFECTORS, measured.delta))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import sys
 from collections.abc import Callable, Sequence
@@ -10,6 +11,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import RCLError
 from rclpy.exceptions import ROSInterruptException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
 from rclpy.node import Node
 
 from msls_ros.bags import BagError
@@ -36,11 +38,15 @@ def run_node(make: Callable[[], Node], arguments: Sequence[str] | None = None) -
     int
         Exit code: 0, or 2 with one line on stderr for bad usage or bad input.
     """
+    level = get_logger_effective_level("rcl")
+    set_logger_level("rcl", LoggingSeverity.FATAL)  # what it says of wrong arguments is in the exception, too
     try:
         rclpy.init(args=None if arguments is None else list(arguments))
     except (RCLError, ValueError) as error:
-        print(f"msls_ros: {str(error).splitlines()[0]}", file=sys.stderr)
+        text = re.sub(r"failed to initialize rcl: |, at \S+:\d+", "", str(error).splitlines()[0])
+        print(f"msls_ros: {text}", file=sys.stderr)
         return 2
+    set_logger_level("rcl", level)
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
     try:
