@@ -17,7 +17,6 @@ BY_NOISE: Mapping[str, Mapping[str, Any]] = {
         "detector.mode": "ratio",
         "detector.window": 50,
         "detector.threshold": 3.5,
-        "detector.hold_off": 20,
     },
 }
 """The penalty goes with the noise of the sensors; in medium noise the paper's threshold sees nothing."""

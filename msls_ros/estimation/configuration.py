@@ -101,7 +101,7 @@ class DetectorParameters:
     """Abrupt-change detection (eqs 18-19)."""
 
     mode: str = parameter(
-        "paper",
+        "normalised",
         "statistic: off; paper (|e|, eqs 18-19); normalised (|e|/sqrt(1+d)); ratio (mean of short over mean of window)",
         choices=("off", "paper", "normalised", "ratio"),
         in_flight=False,
@@ -111,7 +111,7 @@ class DetectorParameters:
     )
     short: int = parameter(5, "ratio mode: newest errors averaged", unit="samples", low=1, high=1000, in_flight=False)
     threshold: float = parameter(
-        20.0, "T: per-unit increase (paper, normalised) or ratio (ratio) that alarms", low=0.1, high=1e6
+        7.0, "T: per-unit increase (paper, normalised) or ratio (ratio) that alarms", low=0.1, high=1e6
     )
     hold_off: int = parameter(
         20, "samples after an alarm or a start that the window does not see", unit="samples", low=0, high=100000
@@ -119,8 +119,8 @@ class DetectorParameters:
     floor_absolute: tuple[float, ...] = parameter(
         (), "smallest error worth an alarm, per equation; empty: 0", unit="state per second", low=0.0
     )
-    floor_relative: float = parameter(0.02, "the same as a share of the slow rms of the output", low=0.0, high=100.0)
-    floor_model: float = parameter(0.0, "the same as a share of sum |theta_i phi_i|", low=0.0, high=100.0)
+    floor_relative: float = parameter(0.4, "the same as a share of the slow rms of the output", low=0.0, high=100.0)
+    floor_model: float = parameter(0.01, "the same as a share of sum |theta_i phi_i|", low=0.0, high=100.0)
 
 
 @dataclass(frozen=True)
