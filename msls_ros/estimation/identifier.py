@@ -23,7 +23,7 @@ from msls_ros.estimation.estimate import Estimate, FaultEvent, Flags
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression, known_terms
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
-from msls_ros.estimation.rows import COLOURS, Settings
+from msls_ros.estimation.state import COLOURS, Settings
 from msls_ros.estimation.supervision import Supervisor
 
 

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.estimation import rows as _rows
 from msls_ros.estimation import uncertainty
 from msls_ros.estimation.kernel import Array, Integers, make_work
-from msls_ros.estimation.rows import COLOURS, Output, Settings
+from msls_ros.estimation.rows import advance
+from msls_ros.estimation.state import COLOURS, Output, Settings, clear, make_output, make_state
 
 PRIOR_MSLS = 1e2
 PRIOR_RLS = 1e8
@@ -77,7 +77,7 @@ class Regression:
         """Allocate and clear; see the class."""
         p = settings.penalty.shape[0]
         self.settings = settings
-        self.state = _rows.make_state(settings, rows)
+        self.state = make_state(settings, rows)
         self.weights = np.array(weights, dtype=np.float64)
         self._work = make_work(p, len(settings.colours))
         self._w0 = np.zeros(p)
@@ -85,7 +85,7 @@ class Regression:
 
     def reset(self) -> None:
         """Forget everything."""
-        _rows.clear(self.settings, self.state)
+        clear(self.settings, self.state)
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
         """Take samples until one alarms or all are taken.
@@ -100,8 +100,8 @@ class Regression:
         tuple
             How many were taken, and what happened at each.
         """
-        out = _rows.make_output(len(phi), y.shape[1])
-        taken = _rows.advance(self.settings, self.state, phi, y, self.weights, self._work, self._w0, out)
+        out = make_output(len(phi), y.shape[1])
+        taken = advance(self.settings, self.state, phi, y, self.weights, self._work, self._w0, out)
         return taken, out
 
     def run(self, phi: Array, y: Array) -> tuple[Array, Array, Integers]:

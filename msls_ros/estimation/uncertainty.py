@@ -1,7 +1,7 @@
 """Error bars and reliability from the propagated covariance, for white and for coloured residuals.
 
 The kernel propagates the parameter covariance of the gains actually used for residuals that are AR(1) with each of a
-few coefficients (`rows.COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind
+few coefficients (`COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind
 them, so their own autocorrelation says little; instead the measured product of successive prediction errors is compared
 with the one that each coefficient predicts, and the error bars are interpolated between the two coefficients that
 bracket it.
@@ -19,7 +19,7 @@ import math
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.rows import State
+from msls_ros.estimation.state import State
 
 
 def colour_weights(state: State, row: int) -> Array:
