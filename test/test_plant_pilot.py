@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ import pytest
 from msls_ros.plant import (
     CONDITIONS,
     EFFECTORS,
+    MANOEUVRES,
     Aircraft,
     Manoeuvre,
     Pilot,
@@ -17,6 +19,7 @@ from msls_ros.plant import (
     RollDoublet,
     Sensors,
     Steady,
+    StrongManoeuvre,
     actuator_gain,
 )
 from msls_ros.plant.pilot import riccati_gain
@@ -33,9 +36,10 @@ def fly(
     seconds: float = 12.0,
     dither: bool = True,
     manoeuvre: Manoeuvre | None = None,
+    turbulence: str = "none",
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return times [s], states (n, 9), and alpha error and sideslip (n, 2) [deg]."""
-    aircraft = Aircraft(CONDITIONS[name])
+    aircraft = Aircraft(CONDITIONS[name], turbulence=turbulence, seed=seed)
     pilot = Pilot(aircraft.trim, aircraft.truth(), manoeuvre or RollDoublet())
     sensors = Sensors(noise, seed)
     random = np.random.default_rng(900 + seed)
@@ -102,6 +106,44 @@ def test_long_flights_stay_in_the_air(name: str, loss: float | None) -> None:
     assert np.degrees(np.abs(x[:, 6])).max() < (3.0 if loss is None else 30.0)
 
 
+@pytest.mark.parametrize(("name", "seeds"), [("high_alpha", 6), ("cruise", 3)])
+def test_the_strong_manoeuvre_in_turbulence_stays_inside_the_tables(name: str, seeds: int) -> None:
+    trim = math.degrees(Aircraft(CONDITIONS[name]).trim.alpha)
+    for seed in range(seeds):
+        times, x, angles = fly(
+            name, "low", seed, loss=None, seconds=170.0, manoeuvre=MANOEUVRES["strong"], turbulence="moderate"
+        )
+        assert np.isfinite(x).all()
+        assert trim + angles[:, 0].min() > -10.0 and trim + angles[:, 0].max() < 45.0
+        assert np.abs(angles[:, 1]).max() < 10.0
+        assert np.degrees(np.abs(x[:, 6])).max() < 60.0
+        assert np.degrees(np.abs(x[:, 3])).max() > 15.0
+        wobble = np.exp(-2j * np.pi * times / 5.0) @ angles[:, 0] * 2.0 / times.size
+        assert abs(wobble) > 1.3
+
+
+@pytest.mark.parametrize(("name", "reached"), [("high_alpha", 2.2), ("cruise", 1.3)])
+def test_the_strong_manoeuvre_in_still_air_wobbles_and_keeps_the_heading(name: str, reached: float) -> None:
+    times, x, angles = fly(name, "none", 0, loss=None, seconds=60.0, manoeuvre=StrongManoeuvre(), dither=False)
+    wobble = np.exp(-2j * np.pi * times / 5.0) @ angles[:, 0] * 2.0 / times.size
+    assert reached < abs(wobble) < 3.0
+    assert np.degrees(np.abs(x[:, 6])).max() < 45.0
+    assert np.degrees(np.abs(x[:, 8])).max() < 40.0
+
+
+@dataclass(frozen=True)
+class _Pitched(Steady):
+    def alpha_offset(self, time: float) -> float:
+        return math.radians(2.0) if time >= 1.0 else 0.0
+
+
+@pytest.mark.parametrize("name", CONDITIONS)
+def test_the_angle_of_attack_goes_where_the_manoeuvre_wants_it(name: str) -> None:
+    _, _, angles = fly(name, "none", 0, loss=None, seconds=20.0, manoeuvre=_Pitched(), dither=False)
+    assert angles[-1, 0] == pytest.approx(2.0, abs=0.3)
+    assert np.abs(angles[:50, 0]).max() < 0.05
+
+
 def test_the_same_measurements_get_the_same_commands() -> None:
     first, second = (fly("high_alpha", "med", 7, loss=LOSS)[1] for _ in range(2))
     np.testing.assert_array_equal(first, second)
@@ -144,3 +186,21 @@ def test_doublet_is_right_then_left_then_free() -> None:
     assert degrees == [0.0, 0.0, 6.0, 6.0, -6.0, -6.0, 0.0, 0.0]
     assert [doublet.active(t) for t in (0.5, 1.0, 8.99, 9.0)] == [False, True, True, False]
     assert Steady().roll_rate(3.0) == 0.0 and not Steady().active(3.0)
+
+
+def test_the_strong_manoeuvre_rolls_both_ways_by_turns_and_rests_between() -> None:
+    strong = StrongManoeuvre()
+    degrees = [
+        round(math.degrees(strong.roll_rate(t)), 9) for t in (0.5, 1.0, 2.9, 3.0, 4.9, 5.0, 8.9, 9.0, 11.1, 13.1, 17.1)
+    ]
+    assert degrees == [0.0, 20.0, 20.0, -20.0, -20.0, 0.0, 0.0, -20.0, 20.0, 0.0, 20.0]
+    assert [strong.active(t) for t in (0.9, 1.0, 4.9, 5.0, 8.9, 9.0)] == [False, True, True, False, False, True]
+    alpha = np.degrees([strong.alpha_offset(t) for t in np.arange(1.0, 1001.0, 0.05)])
+    assert strong.alpha_offset(0.99) == 0.0
+    assert (alpha.min(), alpha.max()) == pytest.approx((-3.5, 2.5), abs=1e-6)
+
+
+def test_every_manoeuvre_has_a_name_and_only_the_strong_one_moves_the_angle_of_attack() -> None:
+    assert list(MANOEUVRES) == ["roll_doublet", "steady", "strong"]
+    moved = {name for name, m in MANOEUVRES.items() if any(m.alpha_offset(0.3 * k) for k in range(100))}
+    assert moved == {"strong"}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -26,7 +26,25 @@ from msls_ros.plant.trim import find_trim
 from msls_ros.plant.truth import Twin
 
 _PSI = 8
+_LONGEST_RAMP = 3600.0
 _SHARES = np.linalg.inv(EFFECTORS_FROM_SURFACES)
+
+
+@dataclass(frozen=True)
+class _Ramp:
+    """Damage of a surface on its way: effectiveness [1] and bias [rad] at two times [s]."""
+
+    start: float
+    end: float
+    before: tuple[float, float]
+    after: tuple[float, float]
+
+    def at(self, time: float) -> tuple[float, float]:
+        if time >= self.end:
+            return self.after
+        part = (time - self.start) / (self.end - self.start)
+        effectiveness, bias = (a + part * (b - a) for a, b in zip(self.before, self.after, strict=True))
+        return effectiveness, bias
 
 
 class Aircraft:
@@ -95,6 +113,7 @@ class Aircraft:
             self._model.stir(TURBULENCE[turbulence], seed)
         self._psi = float(self.trim.x[_PSI])
         self._twin: Twin | None = None
+        self._ramps: dict[int, _Ramp] = {}
 
     @property
     def time(self) -> float:
@@ -115,6 +134,8 @@ class Aircraft:
             If the command is not seven finite numbers; the flight is then untouched. If the flight has diverged.
         """
         self._model.command(_checked(command))
+        if self._ramps:
+            self._advance_ramps((self._steps + 1) / self.rate)
         self._model.run()
         self._steps += 1
         psi = self._model.heading()
@@ -131,7 +152,9 @@ class Aircraft:
         xdot = self._model.derivative()
         if self._air_data:
             air = self._model.air_relative()[:3]
-            xdot[:3] += np.cross(x[3:6], x[:3] - air)
+            p, q, r = x[3:6].tolist()
+            u, v, w = (x[:3] - air).tolist()
+            xdot[:3] += (q * w - r * v, r * u - p * w, p * v - q * u)
             x[:3] = air
         delta = EFFECTORS_FROM_SURFACES.dot(self._model.positions())
         return Sample(self.time, x, xdot, delta)
@@ -140,8 +163,16 @@ class Aircraft:
         """Body velocities and rates relative to the moving air (6,) [m/s, rad/s]: what the aerodynamics feel."""
         return self._model.air_relative()
 
-    def damage(self, surface_or_effector: str, effectiveness: float, bias: float = 0.0) -> str:
-        """Damage a surface, or all surfaces of an effector, from the next step on.
+    def damage(
+        self,
+        surface_or_effector: str,
+        effectiveness: float,
+        bias: float = 0.0,
+        *,
+        ramp: float = 0.0,
+        stuck: bool = False,
+    ) -> str:
+        """Damage a surface, or all surfaces of an effector, from the next step on; it replaces earlier damage.
 
         Parameters
         ----------
@@ -151,6 +182,10 @@ class Aircraft:
             What is left of the effect of its deflection: 1 intact, 0 lost.
         bias : float
             Deflection that the damage adds to what the air feels [rad]; for an effector, of the effector.
+        ramp : float
+            Time over which effectiveness and bias change linearly from what they are now [s]; 0: at once.
+        stuck : bool
+            The surface's actuator stays where it is, from the next step on; its deflection is measured as ever.
 
         Returns
         -------
@@ -162,27 +197,33 @@ class Aircraft:
         PlantError
             If the name is unknown or a number is out of range; nothing is then damaged.
         """
-        names = SURFACES_OF.get(surface_or_effector, (surface_or_effector,))
-        if any(name not in SURFACES for name in names):
-            known = ", ".join((*SURFACES, *EFFECTORS))
-            message = f"unknown surface or effector {surface_or_effector!r}: expected one of {known}"
-            raise PlantError(message)
-        if not (_is_number(effectiveness) and 0.0 <= effectiveness <= 1.0):
-            message = f"effectiveness {effectiveness!r}: expected a number from 0 (lost) to 1 (intact)"
-            raise PlantError(message)
-        limit = airframe.SURFACE_ACTUATORS[names[0]].high
-        if not (_is_number(bias) and abs(bias) <= limit):
-            message = f"bias {bias!r} rad: expected a number within +-{limit:.3f} rad"
+        names = _checked_damage(surface_or_effector, effectiveness, bias, ramp)
+        if not isinstance(stuck, bool):
+            message = f"stuck {stuck!r}: expected True or False"
             raise PlantError(message)
         for name in names:
             surface = SURFACES.index(name)
             share = 1.0
             if surface_or_effector in EFFECTORS:
                 share = float(_SHARES[surface, EFFECTORS.index(surface_or_effector)])
-            self._model.set_damage(surface, float(effectiveness), share * float(bias))
+            after = (float(effectiveness), share * float(bias))
+            self._model.set_stuck(surface, stuck)
+            self._ramps.pop(surface, None)
+            if ramp:
+                self._ramps[surface] = _Ramp(self.time, self.time + ramp, self._model.damage_of(surface), after)
+            else:
+                self._model.set_damage(surface, *after)
         left = {1.0: "intact", 0.0: "lost"}.get(float(effectiveness), f"{effectiveness:.0%} effective")
         added = f", with {bias:+.4f} rad added" if bias else ""
-        return f"{' and '.join(names)} {left}{added}, from {self.time:.2f} s"
+        held = ", stuck" if stuck else ""
+        until = f" over {ramp:g} s" if ramp else ""
+        return f"{' and '.join(names)} {left}{added}{held}, from {self.time:.2f} s{until}"
+
+    def _advance_ramps(self, time: float) -> None:
+        for surface, ramp in tuple(self._ramps.items()):
+            self._model.set_damage(surface, *ramp.at(time))
+            if time >= ramp.end:
+                del self._ramps[surface]
 
     def truth(self) -> LinearTruth:
         """Linearise the equations of motion at the present instant, damage included; the flight is not disturbed."""
@@ -205,6 +246,25 @@ class Aircraft:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
+
+
+def _checked_damage(surface_or_effector: str, effectiveness: float, bias: float, ramp: float) -> tuple[str, ...]:
+    names = SURFACES_OF.get(surface_or_effector, (surface_or_effector,))
+    if any(name not in SURFACES for name in names):
+        known = ", ".join((*SURFACES, *EFFECTORS))
+        message = f"unknown surface or effector {surface_or_effector!r}: expected one of {known}"
+        raise PlantError(message)
+    if not (_is_number(effectiveness) and 0.0 <= effectiveness <= 1.0):
+        message = f"effectiveness {effectiveness!r}: expected a number from 0 (lost) to 1 (intact)"
+        raise PlantError(message)
+    limit = airframe.SURFACE_ACTUATORS[names[0]].high
+    if not (_is_number(bias) and abs(bias) <= limit):
+        message = f"bias {bias!r} rad: expected a number within +-{limit:.3f} rad"
+        raise PlantError(message)
+    if not (_is_number(ramp) and 0.0 <= ramp <= _LONGEST_RAMP):
+        message = f"ramp {ramp!r} s: expected a number from 0 to {_LONGEST_RAMP:g}"
+        raise PlantError(message)
+    return names
 
 
 def _checked(command: npt.ArrayLike) -> Sequence[float]:

@@ -108,6 +108,7 @@ class Model:
         self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in EFFECTORS])
         self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in SURFACES])
         self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
+        self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in SURFACES])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
         self._place = self._nodes(_PLACE)
         self._wind = self._nodes(_TURBULENCE)
@@ -225,6 +226,14 @@ class Model:
     def positions(self) -> Array:
         """Positions of the surfaces (7,) in the order of `SURFACES` [rad]."""
         return np.array([node.get_double_value() for node in self._positions])
+
+    def damage_of(self, surface: int) -> tuple[float, float]:
+        """What is left of the effect of one surface [1], and its added deflection [rad]."""
+        return self._effectiveness[surface].get_double_value(), self._bias[surface].get_double_value()
+
+    def set_stuck(self, surface: int, stuck: bool) -> None:
+        """Let the actuator of one surface stay where it is, or follow its command again."""
+        self._stuck[surface].set_double_value(float(stuck))
 
     def set_damage(self, surface: int, effectiveness: float, bias: float) -> None:
         """Damage one surface: what is left of its effect [1], added deflection [rad]."""

@@ -4,7 +4,8 @@ It stands in for a flight-control stack. Angle of attack is held by tail and noz
 the velocity vector, with the turn rate that keeps sideslip down; a linear-quadratic gain spreads the lateral
 correction over rudder, differential tail, differential flap and yaw vectoring::
 
-    m = k [0.7 (alpha - alpha0) + 0.7 Q + 0.35 integral(alpha - alpha0)]       de += m / 2, dte += m
+    e = alpha - alpha0 - the manoeuvre's alpha_offset
+    m = k [0.7 e + 0.7 Q + 0.35 integral(e)]                                   de += m / 2, dte += m
     rs = (g / V) sin(Phi) cos(Theta)
     [dr ddt ddf dtr] += -K [beta, P - (ps cos a - rs sin a), R - (ps sin a + rs cos a)]
 
