@@ -7,8 +7,9 @@ from msls_ros.bags.errors import BagError
 from msls_ros.bags.metadata import Qos
 from msls_ros.bags.reader import BagReader, read
 from msls_ros.bags.repair import Repair, repair
-from msls_ros.bags.samples import Sample, SampleDecoder
+from msls_ros.bags.samples import Sample, SampleBlock, SampleDecoder
 from msls_ros.bags.storage import BagMessage, Summary, Topic
+from msls_ros.bags.template import MessageTemplate
 from msls_ros.bags.writer import BagWriter
 
 __all__ = [
@@ -18,9 +19,11 @@ __all__ = [
     "BagWriter",
     "Definition",
     "Definitions",
+    "MessageTemplate",
     "Qos",
     "Repair",
     "Sample",
+    "SampleBlock",
     "SampleDecoder",
     "Summary",
     "Topic",

@@ -14,8 +14,9 @@ wherever a plain comparison fails.
 from __future__ import annotations
 
 import struct
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +54,27 @@ class Sample(NamedTuple):
     rates: NDArray[np.float64] | None
 
 
+class SampleBlock(NamedTuple):
+    """Decoded samples of one layout; k samples, n values.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray of int64, shape (k,)
+        Instants of validity [ns].
+    names : tuple of str
+        As in `Sample`.
+    values : ndarray, shape (k, n)
+        As in `Sample`.
+    rates : ndarray, shape (k, n), or None
+        As in `Sample`.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    names: tuple[str, ...]
+    values: NDArray[np.float64]
+    rates: NDArray[np.float64] | None
+
+
 @dataclass(frozen=True)
 class _Layout:
     """Where things stand in the messages of one source, and the bytes that do not change [all in bytes].
@@ -74,6 +96,8 @@ class _Layout:
     head: bytes
     middle: bytes
     mask: int
+    constant: NDArray[np.intp]
+    """The bytes that are equal in all messages."""
 
     def fits(self, cdr: bytes) -> bool:
         """Whether a message has this layout: equal in all bytes but stamp, numbers and padding."""
@@ -134,6 +158,41 @@ class SampleDecoder:
         rates = numbers[layout.numbers - layout.rates :] if layout.rates else None
         return _new(Sample, (seconds * _NANOSECONDS + nanoseconds, layout.names, numbers[: layout.count], rates))
 
+    def decode_block(self, cdrs: Sequence[bytes]) -> SampleBlock | None:
+        """Decode many messages at once: a tenth of the price.
+
+        Parameters
+        ----------
+        cdrs : sequence of bytes
+            Not empty.
+
+        Returns
+        -------
+        SampleBlock or None
+            None where the messages differ in layout, or one is none of this type; `decode` them one by one then.
+        """
+        layout = self._layout
+        if layout is None or not layout.fits(cdrs[0]):
+            try:
+                layout = self._layout = self._parse(cdrs[0])
+            except BagError:
+                return None
+        joined = b"".join(cdrs)
+        if len(joined) != layout.size * len(cdrs) or any(len(cdr) != layout.size for cdr in cdrs):
+            return None
+        rows = np.frombuffer(joined, np.uint8).reshape(len(cdrs), layout.size)
+        if (rows[:, layout.constant] != rows[0, layout.constant]).any():
+            return None
+        stamps = _columns(rows, _ENCAPSULATION, 8, "i4" if layout.little else ">i4")
+        nanoseconds = _columns(rows, _ENCAPSULATION + 4, 4, "u4" if layout.little else ">u4")
+        numbers = _columns(rows, layout.start, 8 * layout.numbers, layout.dtype).astype(np.float64, copy=False)
+        return SampleBlock(
+            stamps[:, 0].astype(np.int64) * _NANOSECONDS + nanoseconds[:, 0],
+            layout.names,
+            numbers[:, : layout.count],
+            numbers[:, layout.numbers - layout.rates :] if layout.rates else None,
+        )
+
     def _parse(self, cdr: bytes) -> _Layout:
         try:
             return _parse(bytes(cdr), self._sequences)
@@ -143,6 +202,11 @@ class SampleDecoder:
 
 
 _new = tuple.__new__
+
+
+def _columns(rows: NDArray[np.uint8], start: int, size: int, dtype: Any) -> NDArray[Any]:
+    """Return a range of the bytes of every row as numbers."""
+    return np.ascontiguousarray(rows[:, start : start + size]).view(dtype)
 
 
 class _Cursor:
@@ -227,4 +291,5 @@ def _parse(cdr: bytes, sequences: int) -> _Layout:
         head=cdr[_CONSTANT_FROM:start],
         middle=cdr[stop:rates_start],
         mask=int.from_bytes(mask, "big"),
+        constant=np.array([0, 1, *(place for place in constant if place not in padding)], dtype=np.intp),
     )

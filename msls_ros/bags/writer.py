@@ -7,7 +7,7 @@ to the operating system when it is full or half a second old, whichever comes fi
                                    ... | metadata | summary | footer | magic      close() adds these
 
 `rosbags` writes a chunk only when it holds 1 MiB, many seconds of a flight, and `metadata.yaml` only at the end:
-therefore the `mcap` writer, whose `flush` ends a chunk early. What a power cut takes is up to the file
+therefore a writer of our own, whose `flush` ends a chunk early. What a power cut takes is up to the file
 system (nothing is synced to the disk).
 """
 
@@ -21,16 +21,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-from mcap.writer import CompressionType, Writer
+import numpy as np
+from numpy.typing import NDArray
 
 from msls_ros.bags import metadata
 from msls_ros.bags.definitions import Definition, Definitions, default_definitions
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.mcap_write import McapWriter
 from msls_ros.bags.metadata import Qos, TopicEntry
 from msls_ros.bags.serde import serialize
 
 FLUSH_INTERVAL_S = 0.5
-_CHUNK_BYTES = 1 << 20
 _STAMP_LIMIT = 1 << 63
 _OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
 
@@ -70,7 +71,6 @@ class BagWriter:
             self._stream = self.file.open("xb")
         except OSError as error:
             raise _unwritable(self.file, error) from error
-        self._writer = Writer(self._stream, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, tuple[int, TopicEntry]] = {}
         self._start_ns = _STAMP_LIMIT
@@ -78,7 +78,10 @@ class BagWriter:
         self._closed = False
         self._new_topics = True
         self._next_flush = time.monotonic() + FLUSH_INTERVAL_S
-        self._guard(lambda: self._writer.start(profile="ros2", library="msls_ros"))
+        try:
+            self._writer = McapWriter(self._stream)
+        except OSError as error:
+            raise _unwritable(self.file, error) from error
         self.flush()
 
     @property
@@ -119,10 +122,9 @@ class BagWriter:
         found = definition or self._definitions.require(msgtype)
         profiles = qos if isinstance(qos, list) else [(qos or Qos()).profile()]
         if msgtype not in self._schemas:
-            self._schemas[msgtype] = self._writer.register_schema(msgtype, found.encoding, found.text.encode())
-        channel = self._writer.register_channel(
+            self._schemas[msgtype] = self._writer.add_schema(msgtype, found.encoding, found.text.encode())
+        channel = self._writer.add_channel(
             topic,
-            "cdr",
             self._schemas[msgtype],
             {"offered_qos_profiles": metadata.dump(profiles), "topic_type_hash": found.type_hash},
         )
@@ -157,16 +159,38 @@ class BagWriter:
             raise BagError(msg)
         channel, entry = known
         try:
-            self._writer.add_message(channel, stamp_ns, cdr, stamp_ns, entry.count)  # type: ignore[arg-type]
+            self._writer.add(channel, stamp_ns, cdr)
         except OSError as error:
             raise _unwritable(self.file, error) from error
-        entry.count += 1
-        if stamp_ns < self._start_ns:
-            self._start_ns = stamp_ns
-        if stamp_ns > self._end_ns:
-            self._end_ns = stamp_ns
-        if time.monotonic() >= self._next_flush:
-            self.flush()
+        self._count(entry, 1, stamp_ns, stamp_ns)
+
+    def write_block(self, topic: str, stamps_ns: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
+        """Write messages of one topic and one length: many at the price of one.
+
+        Parameters
+        ----------
+        topic : str
+            Announced with `add_topic`.
+        stamps_ns : ndarray of int64, shape (n,)
+            Log times [ns].
+        rows : ndarray of uint8, shape (n, size)
+            Their CDR, from a `MessageTemplate`.
+
+        Raises
+        ------
+        BagError
+            The bag is closed, a stamp is negative, the topic is not announced, or the file cannot be written.
+        """
+        self._check_open()
+        known = self._channels.get(topic)
+        if known is None or len(stamps_ns) != len(rows) or (len(rows) and stamps_ns.min() < 0):
+            msg = f"{self.path}: topic {topic}: expected an announced topic, and a log time from 0 for each message"
+            raise BagError(msg)
+        if not len(rows):
+            return
+        channel, entry = known
+        self._guard(lambda: self._writer.add_block(channel, stamps_ns, rows))
+        self._count(entry, len(rows), int(stamps_ns.min()), int(stamps_ns.max()))
 
     def write_message(self, topic: str, msgtype: str, stamp_ns: int, message: Any) -> None:
         """Serialise a message and write it.
@@ -253,10 +277,17 @@ class BagWriter:
         """Close, also after an error: what was written is a good bag."""
         self.close()
 
+    def _count(self, entry: TopicEntry, count: int, first: int, last: int) -> None:
+        entry.count += count
+        if first < self._start_ns:
+            self._start_ns = first
+        if last > self._end_ns:
+            self._end_ns = last
+        if time.monotonic() >= self._next_flush:
+            self.flush()
+
     def _finish(self) -> None:
-        self._writer.flush()  # type: ignore[no-untyped-call]
-        self._writer.add_metadata("rosbag2", {"serialized_metadata": metadata.dump(self._information())})
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish({"rosbag2": {"serialized_metadata": metadata.dump(self._information())}})
 
     def _information(self) -> dict[str, Any]:
         start = min(self._start_ns, self._end_ns)
