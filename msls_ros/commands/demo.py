@@ -99,7 +99,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         )
     print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
     comparison = compare(record.bag, configuration)
-    summary = {
+    found = {
         "scenario": scenario.name,
         "seed": seed,
         "noise": noise,
@@ -111,7 +111,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         "bag": str(record.bag),
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
     }
-    summary = json.loads(json.dumps(summary), parse_constant=lambda _: None)  # JSON knows no NaN
+    summary: dict[str, Any] = json.loads(json.dumps(found), parse_constant=lambda _: None)  # JSON knows no NaN
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
 

@@ -27,6 +27,8 @@ from msls_ros.nodes.recorder import RecorderNode
 
 CONNECT_TIME_OUT = 30.0
 """Wall-clock wait for the nodes to find each other [s]."""
+SETTLING_TIME = 0.1
+"""Wall-clock wait for whoever else is in the domain to be seen [s]."""
 DRAIN_TIME_OUT = 10.0
 """Wall-clock wait for the recorder to write the last messages [s]."""
 
@@ -116,6 +118,7 @@ def fly(
                 progress(shown * plant.sample_period)
         wall_time = time.monotonic() - start
         _drain(executor, recorder, identifier, plant)
+        _refuse_strangers(nodes)
         refused = Counter(identifier.synchronizer.refused) + pilot.refused + plant.refused
         return FlightRecord(bag, plant.samples, wall_time, plant.time_outs, dict(refused))
 
@@ -143,30 +146,32 @@ def _plant_parameters(scenario: Scenario, noise: str, seed: int) -> dict[str, An
 def _connect(executor: SingleThreadedExecutor, nodes: Sequence[Node]) -> None:
     """Wait until every publisher knows every subscription of its topic among the nodes."""
     expected = Counter(s.topic_name for node in nodes for s in node.subscriptions)
-    own = Counter(p.topic_name for node in nodes for p in node.publishers)
-    deadline = time.monotonic() + CONNECT_TIME_OUT
+    start = time.monotonic()
     while True:
-        short = [
+        _refuse_strangers(nodes)
+        waited = time.monotonic() - start
+        short = {
             p.topic_name
             for node in nodes
             for p in node.publishers
             if p.get_subscription_count() < expected[p.topic_name]
             and not p.topic_name.startswith(("/rosout", "/parameter"))
-        ]
-        strangers = [topic for topic in expected if nodes[0].count_publishers(topic) > own[topic]]
-        if strangers:
-            message = (
-                f"somebody else publishes {strangers[0]} in ROS domain {domain()}: set ROS_DOMAIN_ID to a free one"
-            )
-            raise FlightError(message)
-        if not short:
+        }
+        if not short and waited > SETTLING_TIME:
             return
-        if time.monotonic() > deadline:
-            message = (
-                f"the nodes do not find each other on {', '.join(sorted(set(short)))}; is DDS blocked on this machine?"
-            )
+        if short and waited > CONNECT_TIME_OUT:
+            message = f"the nodes do not find each other on {', '.join(sorted(short))}; is DDS blocked on this machine?"
             raise FlightError(message)
         executor.spin_once(timeout_sec=0.02)
+
+
+def _refuse_strangers(nodes: Sequence[Node]) -> None:
+    """Raise FlightError if somebody else publishes what the nodes listen to."""
+    own = Counter(p.topic_name for node in nodes for p in node.publishers)
+    for topic in sorted({s.topic_name for node in nodes for s in node.subscriptions}):
+        if nodes[0].count_publishers(topic) > own[topic]:
+            message = f"somebody else publishes {topic} in ROS domain {domain()}: set ROS_DOMAIN_ID to a free one"
+            raise FlightError(message)
 
 
 def _drain(
