@@ -19,9 +19,10 @@ from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.estimate import Estimate, FaultEvent, Flags
+from msls_ros.estimation.estimate import Estimate, FaultEvent
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.kinematics import build_regression, known_terms
+from msls_ros.estimation.kinematics import build_regression
+from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
 from msls_ros.estimation.state import COLOURS, Settings
 from msls_ros.estimation.supervision import Supervisor
@@ -56,6 +57,7 @@ class Identifier:
         self._law = DitherLaw(c)
         self._supervisor = Supervisor(c)
         self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
+        self._assembly = Assembly(c, self._regression)
         self._enabled = True
         warn_if_interpreted(len(c.regressors), len(c.rows))
         self.reset()
@@ -82,6 +84,7 @@ class Identifier:
         self._law.configure(self.configuration)
         self._supervisor.configure(self.configuration)
         self._regression.settings = _settings(self.configuration)
+        self._assembly = Assembly(self.configuration, self._regression)
         self._regression.weights = self._law.weights
 
     @property
@@ -189,60 +192,35 @@ class Identifier:
 
     def estimate(self, time: float, x: Array) -> Estimate:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
-        c, s = self.configuration, self._regression
-        n, m, r = len(c.states), len(c.effectors), len(c.rows)
-        a, bias, a_known = known_terms(c.states, x) if c.known_gravity else _nothing_known(n)
-        b, b_std = np.zeros((n, m)), np.zeros((n, m))
-        a_std, a_reliable = np.zeros((n, n)), a_known.copy()
-        b_reliable = np.ones((n, m), np.bool_)
-        residual, forgetting = np.full(n, math.nan), np.full(n, math.nan)
-        for q, row in enumerate(self._kept):
-            theta, error = s.theta[q], s.standard_errors(q)
-            reliable = self._reliable(theta, error, s.excitation(q))
-            a[row, self._kept] += theta[:r]
-            a_std[row, self._kept], a_reliable[row, self._kept] = error[:r], reliable[:r]
-            b[row], b_std[row], b_reliable[row] = theta[r : r + m], error[r : r + m], reliable[r : r + m]
-            bias[row] += theta[r + m]
-            residual[row] = s.residual_deviation(q)
-            forgetting[row] = s.settings.forgetting
+        c = self.configuration
+        model = self._assembly.build(np.ascontiguousarray(x, np.float64))
         events, self._events = tuple(self._events), []
         return Estimate(
             time=time,
             states=c.states,
             effectors=c.effectors,
-            a=a,
-            b=b,
-            bias=bias,
-            a_std=a_std,
-            b_std=b_std,
-            a_known=a_known,
-            a_reliable=a_reliable,
-            b_reliable=b_reliable,
+            a=model.a,
+            b=model.b,
+            bias=model.bias,
+            a_std=model.a_std,
+            b_std=model.b_std,
+            a_known=self._assembly.a_known,
+            a_reliable=model.a_reliable,
+            b_reliable=model.b_reliable,
             regressors=c.regressors,
-            excitation=s.state.rho[np.unique(s.state.group)].min(axis=0),
-            residual_std=residual,
-            forgetting_factor=forgetting,
-            samples=int(s.state.samples[0]),
+            excitation=model.excitation,
+            residual_std=model.residual_std,
+            forgetting_factor=self._assembly.forgetting_factor,
+            samples=int(self._regression.state.samples[0]),
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),
             events=events,
             dither=self._dither,
         )
 
-    def _reliable(self, theta: Array, error: Array, excitation: Array) -> Flags:
-        """Excited enough, and a standard error small enough for the size of the estimate."""
-        p = self.configuration.reliability
-        allowed = np.maximum(p.relative_error * np.abs(theta), p.tolerance / self._regression.settings.scale)
-        flags: Flags = (excitation >= p.excitation) & (error <= allowed)
-        return flags
-
 
 def _two(array: Array) -> Array:
     return np.asarray(array, dtype=np.float64).reshape(1, -1)
-
-
-def _nothing_known(n: int) -> tuple[Array, Array, Any]:
-    return np.zeros((n, n)), np.zeros(n), np.zeros((n, n), np.bool_)
 
 
 def _settings(c: Configuration) -> Settings:

@@ -21,6 +21,9 @@ from msls_ros.estimation.kernel import Array, Integers
 GRAVITY = 9.80665
 """Standard gravity [m/s^2]."""
 
+FLIGHT_STATES = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")
+U, V, W, P, Q, R, PHI, THETA, PSI = range(9)
+
 _HALF_PI_HIGH = 1.57079632673412561417e00
 _HALF_PI_LOW = 6.07710050650619224932e-11
 
@@ -91,54 +94,63 @@ def build_regression(
             y[n, forces[2]] -= GRAVITY * cos_phi * cos_theta
 
 
-def known_terms(states: tuple[str, ...], x: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Tangent of what is known, at x: what to add to A and to the bias, and which entries of A are known.
+def find_states(states: tuple[str, ...]) -> Integers:
+    """Return where each of u, v, w, P, Q, R, Phi, Theta, Psi stands among the states: (9,), -1 where absent."""
+    return np.array([states.index(name) if name in states else -1 for name in FLIGHT_STATES], np.int64)
+
+
+def find_known(states: tuple[str, ...]) -> NDArray[np.bool_]:
+    """Return which entries of A are known: (n, n), the rows and columns of the Euler angles."""
+    angles = np.array([name in FLIGHT_STATES[PHI:] for name in states], np.bool_)
+    return angles[:, None] | angles
+
+
+@compiled
+def add_partial(x: Array, at: Integers, a: Array, bias: Array, row: int, column: int, partial: float) -> None:
+    """Enter a partial derivative in A and take its part at x off the bias, if both states are present."""
+    if at[row] >= 0 and at[column] >= 0:
+        a[at[row], at[column]] = partial
+        bias[at[row]] -= partial * x[at[column]]
+
+
+@compiled
+def add_known(x: Array, at: Integers, a: Array, bias: Array) -> None:
+    """Enter the tangent at x of what is known: ``bias + A x`` touches gravity and the Euler angle rates.
 
     Parameters
     ----------
-    states
-        n names; those of u, v, w, P, Q, R, Phi, Theta, Psi that are among them are used.
     x
         (n,) the states [m/s, rad/s, rad].
-
-    Returns
-    -------
-    tuple of arrays
-        (n, n) added to A, (n,) added to the bias, (n, n) True where A is known.
+    at
+        (9,) see `find_states`; what is absent counts as zero.
+    a, bias
+        (n, n) and (n,), zero; the known terms are entered.
     """
-    n = len(states)
-    a = np.zeros((n, n))
-    f = np.zeros(n)
-    at = {name: i for i, name in enumerate(states)}
-    value = {name: float(x[i]) for name, i in at.items()}
-    sp, cp = sine_cosine(value.get("Phi", 0.0))
-    st, ct = sine_cosine(value.get("Theta", 0.0))
-    q, r = value.get("Q", 0.0), value.get("R", 0.0)
+    sp, cp = sine_cosine(x[at[PHI]] if at[PHI] >= 0 else 0.0)
+    st, ct = sine_cosine(x[at[THETA]] if at[THETA] >= 0 else 0.0)
+    p = x[at[P]] if at[P] >= 0 else 0.0
+    q = x[at[Q]] if at[Q] >= 0 else 0.0
+    r = x[at[R]] if at[R] >= 0 else 0.0
     turn = q * sp + r * cp
     slip = q * cp - r * sp
-    terms = {
-        "u": (-GRAVITY * st, {"Phi": 0.0, "Theta": -GRAVITY * ct}),
-        "v": (GRAVITY * sp * ct, {"Phi": GRAVITY * cp * ct, "Theta": -GRAVITY * sp * st}),
-        "w": (GRAVITY * cp * ct, {"Phi": -GRAVITY * sp * ct, "Theta": -GRAVITY * cp * st}),
-        "Phi": (
-            value.get("P", 0.0) + st / ct * turn,
-            {"P": 1.0, "Q": sp * st / ct, "R": cp * st / ct, "Phi": st / ct * slip, "Theta": turn / (ct * ct)},
-        ),
-        "Theta": (slip, {"Q": cp, "R": -sp, "Phi": -turn}),
-        "Psi": (turn / ct, {"Q": sp / ct, "R": cp / ct, "Phi": slip / ct, "Theta": turn * st / (ct * ct)}),
-    }
-    known = np.zeros((n, n), np.bool_)
-    for name, (level, partials) in terms.items():
-        if name not in at:
-            continue
-        row = at[name]
-        f[row] = level
-        for other, partial in partials.items():
-            if other in at:
-                a[row, at[other]] = partial
-                f[row] -= partial * value[other]
-    for name in ("Phi", "Theta", "Psi"):
-        if name in at:
-            known[at[name], :] = True
-            known[:, at[name]] = True
-    return a, f, known
+    levels = (-GRAVITY * st, GRAVITY * sp * ct, GRAVITY * cp * ct, 0.0, 0.0, 0.0, p + st / ct * turn, slip, turn / ct)
+    for i in range(9):
+        if at[i] >= 0:
+            bias[at[i]] = levels[i]
+    add_partial(x, at, a, bias, U, THETA, -GRAVITY * ct)
+    add_partial(x, at, a, bias, V, PHI, GRAVITY * cp * ct)
+    add_partial(x, at, a, bias, V, THETA, -GRAVITY * sp * st)
+    add_partial(x, at, a, bias, W, PHI, -GRAVITY * sp * ct)
+    add_partial(x, at, a, bias, W, THETA, -GRAVITY * cp * st)
+    add_partial(x, at, a, bias, PHI, P, 1.0)
+    add_partial(x, at, a, bias, PHI, Q, sp * st / ct)
+    add_partial(x, at, a, bias, PHI, R, cp * st / ct)
+    add_partial(x, at, a, bias, PHI, PHI, st / ct * slip)
+    add_partial(x, at, a, bias, PHI, THETA, turn / (ct * ct))
+    add_partial(x, at, a, bias, THETA, Q, cp)
+    add_partial(x, at, a, bias, THETA, R, -sp)
+    add_partial(x, at, a, bias, THETA, PHI, -turn)
+    add_partial(x, at, a, bias, PSI, Q, sp / ct)
+    add_partial(x, at, a, bias, PSI, R, cp / ct)
+    add_partial(x, at, a, bias, PSI, PHI, slip / ct)
+    add_partial(x, at, a, bias, PSI, THETA, turn * st / (ct * ct))

@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.estimation import uncertainty
 from msls_ros.estimation.kernel import Array, Integers, make_work
 from msls_ros.estimation.rows import advance
 from msls_ros.estimation.state import COLOURS, Output, Settings, clear, make_output, make_state
+from msls_ros.estimation.uncertainty import row_uncertainty
 
 PRIOR_MSLS = 1e2
 PRIOR_RLS = 1e8
@@ -138,8 +138,8 @@ class Regression:
 
     def standard_errors(self, row: int) -> Array:
         """(p,) standard errors of a row's estimates."""
-        return uncertainty.standard_errors(self.state, row)
+        return row_uncertainty(self.state, row).errors
 
     def residual_deviation(self, row: int) -> float:
         """Standard deviation of a row's residual."""
-        return uncertainty.residual_deviation(self.state, row)
+        return row_uncertainty(self.state, row).residual

@@ -11,7 +11,7 @@ from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.regression import Regression
-from msls_ros.estimation.uncertainty import colour_weights, residual_variances
+from msls_ros.estimation.uncertainty import row_uncertainty
 
 
 class Supervisor:
@@ -93,12 +93,12 @@ class Supervisor:
         group = state.group[q]
         if state.age[group] < p + limits.least_samples:
             return []
-        variances = residual_variances(state, q)
+        of_row = row_uncertainty(state, q)
         before, since = np.zeros((p, p)), np.zeros((p, p))
-        for m, share in enumerate(colour_weights(state, q)):
+        for m, share in enumerate(of_row.weights):
             if share > 0.0:
-                before += share * variances[m] * state.P_before[q, m]
-                since += share * variances[m] * state.P[group, m]
+                before += share * of_row.variances[m] * state.P_before[q, m]
+                since += share * of_row.variances[m] * state.P[group, m]
         first = len(self._c.rows)
         for candidates in (range(first, p - 1), range(first)):
             named = suspects(

@@ -15,91 +15,105 @@ Atmospheric Flight Mechanics Conference, 2016 (the correction for coloured resid
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.state import State
 
 
-def colour_weights(state: State, row: int) -> Array:
-    """Return how much each residual colour counts for a row: (m,), sum 1, at most two neighbours nonzero.
-
-    Parameters
-    ----------
-    state
-        The loop's state.
-    row
-        Identified row.
-    """
-    m = state.residual.shape[1]
-    weights = np.zeros(m)
-    total = state.weight[row, 1]
-    weights[0] = 1.0
-    if m == 1 or total <= 0.0:
-        return weights
-    before = 0.0
+@compiled
+def colour_weights(x: State, q: int, weights: Array) -> None:
+    """Say how much each residual colour counts for row q: (m,) out, sum 1, at most two neighbours nonzero."""
+    m = weights.shape[0]
     for i in range(m):
-        square, product, predicted = state.colour[row, i]
-        difference = (product / square if square > 0.0 else 0.0) - predicted / total
+        weights[i] = 0.0
+    total = x.weight[q, 1]
+    before = 0.0
+    for i in range(m if total > 0.0 else 0):
+        square = x.colour[q, i, 0]
+        difference = (x.colour[q, i, 1] / square if square > 0.0 else 0.0) - x.colour[q, i, 2] / total
         if difference <= 0.0:
+            share = before / (before - difference) if i > 0 else 1.0
+            weights[i] = share
             if i > 0:
-                share = before / (before - difference)
-                weights[0] = 0.0
-                weights[i] = share
                 weights[i - 1] = 1.0 - share
-            return weights
+            return
         before = difference
-    weights[0] = 0.0
-    weights[m - 1] = 1.0
-    return weights
+    weights[m - 1 if total > 0.0 else 0] = 1.0
 
 
-def residual_variances(state: State, row: int) -> Array:
-    """Variance of a row's residual under each colour: (m,) [output^2]; NaN before there is any data.
+@compiled
+def residual_variances(x: State, q: int, variances: Array) -> None:
+    """Variance of row q's residual under each colour: (m,) out [output^2]; NaN before there is any data.
 
     Coloured residuals repeat themselves: their variance is taken over the longer memory of the colour.
     """
-    short, long = state.weight[row]
-    variances = state.residual[row] / short if short > 0.0 else np.full(state.residual.shape[1], math.nan)
-    if long > 0.0:
-        variances[1:] = state.colour[row, 1:, 0] / long
-    result: Array = variances
-    return result
+    short = x.weight[q, 0]
+    long = x.weight[q, 1]
+    for m in range(variances.shape[0]):
+        if m > 0 and long > 0.0:
+            variances[m] = x.colour[q, m, 0] / long
+        else:
+            variances[m] = x.residual[q, m] / short if short > 0.0 else math.nan
 
 
-def residual_deviation(state: State, row: int) -> float:
-    """Standard deviation of a row's residual [output]; NaN before there is any data."""
-    return math.sqrt(_mean(colour_weights(state, row), residual_variances(state, row)))
-
-
-def standard_errors(state: State, row: int) -> Array:
-    """Standard errors of a row's estimates: (p,), infinite before there is any data.
+@compiled
+def error_bars(x: State, q: int, weights: Array, variances: Array, errors: Array) -> float:
+    """Fill in the standard errors of row q's estimates; return the standard deviation of its residual.
 
     Parameters
     ----------
-    state
+    x
         The loop's state.
-    row
+    q
         Identified row.
+    weights, variances
+        (m,) out: see `colour_weights` and `residual_variances`.
+    errors
+        (p,) out; infinite before there is any data.
+
+    Returns
+    -------
+    float
+        [output]; NaN before there is any data.
     """
-    p = state.theta.shape[1]
-    if state.weight[row, 0] <= 0.0:
-        return np.full(p, math.inf)
-    group = state.group[row]
-    variance = np.zeros(p)
-    variances = residual_variances(state, row)
-    for i, share in enumerate(colour_weights(state, row)):
-        if share > 0.0:
-            variance += share * variances[i] * np.diagonal(state.P[group, i])
-    errors: Array = np.sqrt(np.maximum(variance, 0.0))
-    return errors
+    colour_weights(x, q, weights)
+    residual_variances(x, q, variances)
+    mean = 0.0
+    for m in range(weights.shape[0]):
+        if weights[m] > 0.0:
+            mean += weights[m] * variances[m]
+    g = x.group[q]
+    for i in range(errors.shape[0]):
+        square = 0.0
+        for m in range(weights.shape[0]):
+            if weights[m] > 0.0:
+                square += weights[m] * variances[m] * x.P[g, m, i, i]
+        errors[i] = 0.0 if square < 0.0 else math.sqrt(square)
+        if x.weight[q, 0] <= 0.0:
+            errors[i] = math.inf
+    return math.sqrt(mean)
 
 
-def _mean(weights: Array, values: Array) -> float:
-    """Weighted mean with plain sums; a value without weight does not count."""
-    total = 0.0
-    for weight, value in zip(weights.tolist(), values.tolist(), strict=True):
-        if weight > 0.0:
-            total += weight * value
-    return total
+class RowUncertainty(NamedTuple):
+    """What `error_bars` finds for one row; p regressors, m colours."""
+
+    weights: Array
+    """(m,) how much each colour counts."""
+    variances: Array
+    """(m,) residual variance under each colour [output^2]."""
+    errors: Array
+    """(p,) standard errors of the estimates."""
+    residual: float
+    """Standard deviation of the residual [output]."""
+
+
+def row_uncertainty(state: State, row: int) -> RowUncertainty:
+    """Return the uncertainty of one row's estimates and of its residual, as `error_bars`."""
+    p, m = state.theta.shape[1], state.residual.shape[1]
+    weights, variances, errors = np.empty(m), np.empty(m), np.empty(p)
+    residual = error_bars(state, row, weights, variances, errors)
+    return RowUncertainty(weights, variances, errors, residual)

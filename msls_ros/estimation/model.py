@@ -1,0 +1,154 @@
+"""Puts the linear model together: what physics knows, the estimates, their errors, and what to rely on (eq 24).
+
+Row q of the regression holds the row of A and B of one state. In its place in the full matrices go the estimates, on
+top of the known tangent of gravity and kinematics, and their standard errors. A parameter is reliable where the data
+decide enough of it and its standard error is small for its size::
+
+    rho >= excitation   and   error <= max( relative_error |theta|, tolerance / scale )
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kinematics import add_known, find_known, find_states
+from msls_ros.estimation.regression import Regression
+from msls_ros.estimation.state import State
+from msls_ros.estimation.uncertainty import error_bars
+
+Flags = NDArray[np.bool_]
+
+
+class Model(NamedTuple):
+    """``xdot = A x + B delta + bias`` with its errors; n states, m effectors, p regressors."""
+
+    a: Array
+    """(n, n)"""
+    b: Array
+    """(n, m)"""
+    bias: Array
+    """(n,)"""
+    a_std: Array
+    b_std: Array
+    a_reliable: Flags
+    b_reliable: Flags
+    residual_std: Array
+    """(n,) NaN where the equation is known."""
+    excitation: Array
+    """(p,) least over the rows."""
+
+
+class Layout(NamedTuple):
+    """What `fill_model` needs to know; r rows."""
+
+    kept: Integers
+    """(r,) state of each row."""
+    known: Integers
+    """(9,) where the states of flight stand, see `find_states`; -1 where nothing is known."""
+    excitation: float
+    """Least excitation of what is reliable [1]."""
+    relative_error: float
+    """Largest standard error of what is reliable, over its size [1]."""
+    tolerance: Array
+    """(p,) standard error that is small whatever the size, in units of each estimate."""
+
+
+@compiled
+def fill_model(state: State, layout: Layout, x: Array, mix: Array, errors: Array, out: Model) -> None:
+    """Fill a model that holds nothing yet.
+
+    Parameters
+    ----------
+    state
+        The loop's state.
+    layout
+        Sizes and limits.
+    x
+        (n,) states at which the known terms are linearised.
+    mix, errors
+        (2, colours) and (p,) scratch.
+    out
+        Zero; NaN, true or infinite where it shall stay so.
+    """
+    r = layout.kept.shape[0]
+    last = errors.shape[0] - 1
+    add_known(x, layout.known, out.a, out.bias)
+    for q in range(r):
+        row = layout.kept[q]
+        out.residual_std[row] = error_bars(state, q, mix[0], mix[1], errors)
+        for i in range(last + 1):
+            theta = state.theta[q, i]
+            rho = state.rho[state.group[q], i]
+            out.excitation[i] = min(out.excitation[i], rho)
+            allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
+            reliable = rho >= layout.excitation and errors[i] <= allowed
+            if i < r:
+                column = layout.kept[i]
+                out.a[row, column] += theta
+                out.a_std[row, column] = errors[i]
+                out.a_reliable[row, column] = reliable
+            elif i < last:
+                out.b[row, i - r] = theta
+                out.b_std[row, i - r] = errors[i]
+                out.b_reliable[row, i - r] = reliable
+            else:
+                out.bias[row] += theta
+
+
+class Assembly:
+    """Builds the model of a regression.
+
+    Parameters
+    ----------
+    configuration
+        Names and limits of reliability.
+    regression
+        The engine.
+    """
+
+    def __init__(self, configuration: Configuration, regression: Regression) -> None:
+        """Find the places of everything; see the class."""
+        c = configuration
+        n, p = len(c.states), len(c.regressors)
+        kept = np.array([c.states.index(s) for s in c.rows], np.int64)
+        self._shape = n, len(c.effectors), p
+        self._state = regression.state
+        self._layout = Layout(
+            kept=kept,
+            known=find_states(c.states) if c.known_gravity else np.full(9, -1),
+            excitation=c.reliability.excitation,
+            relative_error=c.reliability.relative_error,
+            tolerance=c.reliability.tolerance / regression.settings.scale,
+        )
+        self._scratch = np.empty((2, len(regression.settings.colours))), np.empty(p)
+        self.a_known: Flags = find_known(c.states) if c.known_gravity else np.zeros((n, n), np.bool_)
+        """(n, n) which entries of A come from physics; read-only."""
+        self.forgetting_factor = np.full(n, math.nan)
+        """(n,) lambda per equation [1], NaN where the equation is known; read-only."""
+        self.forgetting_factor[kept] = regression.settings.forgetting
+        for shared in (self.a_known, self.forgetting_factor):
+            shared.setflags(write=False)
+
+    def build(self, x: Array) -> Model:
+        """Return the model as it stands, its known part at ``x`` (n,)."""
+        n, m, p = self._shape
+        model = Model(
+            a=np.zeros((n, n)),
+            b=np.zeros((n, m)),
+            bias=np.zeros(n),
+            a_std=np.zeros((n, n)),
+            b_std=np.zeros((n, m)),
+            a_reliable=self.a_known.copy(),
+            b_reliable=np.ones((n, m), np.bool_),
+            residual_std=np.full(n, math.nan),
+            excitation=np.full(p, math.inf),
+        )
+        fill_model(self._state, self._layout, x, *self._scratch, model)
+        return model
