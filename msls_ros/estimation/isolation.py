@@ -29,6 +29,8 @@ from msls_ros.estimation.kernel import Array
 
 LARGEST_SET = 3
 """Columns, beside the constant, that one change may touch in one row."""
+ALL_OF_IT = 0.97
+"""Share of the difference at which nothing more is looked for [1]."""
 PLAUSIBLE = (-0.3, 1.3)
 """Range of what damage may leave of an effect [1]."""
 
@@ -157,7 +159,7 @@ def suspects(
     if not invert(covariance / scale[:, None] / scale, W, np.zeros((2, p, p))):
         return []
     WD = np.array([_dot(row, difference) for row in W])
-    chosen, change, errors, share = _grow(W, WD, _dot(WD, difference), significance, explained)
+    chosen, change, errors, share = _grow(W, WD, _dot(WD, difference), significance)
     if share < explained:
         return []
     found = []
@@ -165,15 +167,14 @@ def suspects(
         known = abs(before[j]) >= significance * before_std[j] and before[j] != 0.0
         if j not in candidates or not known or abs(c) < significance * error:
             continue
-        ratio, ratio_std = 1.0 + c * scale[j] / before[j], error * scale[j] / abs(before[j])
+        ratio = 1.0 + c * scale[j] / before[j]
+        ratio_std = math.sqrt((error * scale[j]) ** 2 + ((ratio - 1.0) * before_std[j]) ** 2) / abs(before[j])
         if PLAUSIBLE[0] <= ratio <= PLAUSIBLE[1] and ratio_std <= largest_error:
             found.append(Suspect(j, abs(c) / error, float(ratio), float(ratio_std)))
     return sorted(found, key=lambda s: -s.statistic)
 
 
-def _grow(
-    W: Array, WD: Array, total: float, significance: float, enough: float
-) -> tuple[list[int], list[float], list[float], float]:
+def _grow(W: Array, WD: Array, total: float, significance: float) -> tuple[list[int], list[float], list[float], float]:
     """Add the column that explains most, one at a time; return columns, changes, their errors, the share explained."""
     p = len(WD)
     chosen = [p - 1]
@@ -186,7 +187,7 @@ def _grow(
             break
         chosen, change, errors, share = [*chosen, j], c, e, best / total if total > 0.0 else 0.0
         base = best
-        if share >= 0.5 * (1.0 + enough):
+        if share >= ALL_OF_IT:
             break
     return chosen, change, errors, share
 
