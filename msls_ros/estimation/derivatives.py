@@ -1,0 +1,132 @@
+"""Derivatives of sampled signals, and the one filter under which they still obey the same equations.
+
+Where xdot is not measured it is made from x, and a derivative cannot be had without a filter. For any weights
+``w_i`` over the intervals of a window, that sum to 1::
+
+    slope  = sum w_i (x[i+1] - x[i]) / (t[i+1] - t[i])          the mean of xdot under the weights, exactly
+    smooth = sum w_i (x[i+1] + x[i]) / 2                         the mean of x under the same weights (trapezoids)
+
+so that ``xdot = A x + B delta`` stays true between slope(x), smooth(x) and smooth(delta), whatever the weights and
+however uneven the stamps: A and B are not biased by the filter, as they are where x is differentiated by one filter and
+taken, or smoothed, by another. The stamp of both is the weighted mean time, the middle of the window on an even clock.
+
+The weights are a parabola, ``w_i ~ (i+1)(n-i)`` for n intervals: on an even clock the slope is then the Savitzky-Golay
+derivative (least-squares quadratic over n+1 points), of all filters of that length the one with the least noise.
+
+References
+----------
+Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, 1964.
+Preisig and Rippin, Theory and application of the modulating function method, 1993 (one weight for all terms).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+
+@dataclass(frozen=True)
+class Filtered:
+    """Signals under the window; c columns."""
+
+    stamp: int
+    """Weighted mean time [ns]."""
+    smooth: Array
+    """(c,) means."""
+    slope: Array
+    """(c,) means of the derivatives [per second]."""
+
+
+def interval_weights(intervals: int) -> Array:
+    """Return the weights (n,) of the n intervals of a window: a parabola that sums to 1."""
+    raw = [(i + 1.0) * (intervals - i) for i in range(intervals)]
+    return np.array(raw) / sum(raw)
+
+
+class DerivativeFilter:
+    """The window, moved on by one sample at a time.
+
+    Parameters
+    ----------
+    intervals
+        n: the window holds n + 1 samples.
+    columns
+        c: signals.
+    longest_gap
+        Samples further apart than this [ns] are not of one window.
+    """
+
+    def __init__(self, intervals: int, columns: int, longest_gap: int) -> None:
+        """Start empty; see the class."""
+        self._weights = interval_weights(intervals)
+        self._longest_gap = longest_gap
+        self._values = np.zeros((intervals + 1, columns))
+        self._times = np.zeros(intervals + 1)
+        self._stamps: list[int] = []
+        self.gaps = 0
+        """Windows that a gap has emptied."""
+
+    def clear(self) -> None:
+        """Empty the window; the count stays."""
+        self._stamps.clear()
+
+    def push(self, stamp: int, values: Array) -> Filtered | None:
+        """Take a sample.
+
+        Parameters
+        ----------
+        stamp
+            Later than the one before [ns].
+        values
+            (c,).
+
+        Returns
+        -------
+        Filtered or None
+            None until the window is full.
+        """
+        stamps = self._stamps
+        if stamps and stamp - stamps[-1] > self._longest_gap:
+            stamps.clear()
+            self.gaps += 1
+        if len(stamps) == len(self._times):
+            del stamps[0]
+            self._values[:-1] = self._values[1:]
+        self._values[len(stamps)] = values
+        stamps.append(stamp)
+        if len(stamps) < len(self._times):
+            return None
+        for i, later in enumerate(stamps):
+            self._times[i] = (later - stamps[0]) * 1e-9
+        smooth, slope = np.empty_like(values), np.empty_like(values)
+        middle = weigh(self._times, self._values, self._weights, smooth, slope)
+        return Filtered(stamps[0] + round(middle * 1e9), smooth, slope)
+
+
+@compiled
+def weigh(times: Array, values: Array, weights: Array, smooth: Array, slope: Array) -> float:
+    """Fill smooth and slope, return the weighted mean time [s]; see the module.
+
+    Parameters
+    ----------
+    times, values, weights
+        (n+1,) [s], (n+1, c), (n,).
+    smooth, slope
+        (c,), out.
+    """
+    middle = 0.0
+    for i in range(weights.shape[0]):
+        middle += weights[i] * (0.5 * (times[i] + times[i + 1]))
+    for j in range(values.shape[1]):
+        mean = 0.0
+        rise = 0.0
+        for i in range(weights.shape[0]):
+            mean += weights[i] * (0.5 * (values[i, j] + values[i + 1, j]))
+            rise += weights[i] * ((values[i + 1, j] - values[i, j]) / (times[i + 1] - times[i]))
+        smooth[j] = mean
+        slope[j] = rise
+    return middle
