@@ -123,8 +123,6 @@ class InputAdapter:
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
-            [s.track for s in streams], inputs.maximum_age + max(delays) - min(delays), self._refuse
-        )
         self._arm = _arm(inputs, self.methods)
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
