@@ -10,8 +10,8 @@ from msls_ros.commands.profiles import read_profile
 from msls_ros.estimation import Configuration
 
 BY_NOISE: Mapping[str, Mapping[str, Any]] = {
-    "none": {"estimator.penalty": 3e-4, "recovery.penalty_factor": 0.1},
-    "low": {"estimator.penalty": 2e-3},
+    "none": {"estimator.penalty": 3e-4},
+    "low": {},
     "med": {
         "estimator.penalty": 1e-2,
         "detector.mode": "ratio",
@@ -19,7 +19,7 @@ BY_NOISE: Mapping[str, Mapping[str, Any]] = {
         "detector.threshold": 3.5,
     },
 }
-"""The penalty goes with the noise of the sensors; in medium noise the paper's threshold sees nothing."""
+"""What goes with the noise of the sensors; the shipped profiles are for low noise."""
 
 
 @dataclass(frozen=True)
