@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import BinaryIO
 
 import numpy as np
@@ -92,41 +92,54 @@ class McapWriter:
         length = _MESSAGE_HEAD.size - _RECORD.size + len(cdr)
         chunk += _MESSAGE_HEAD.pack(_MESSAGE, length, channel, count & 0xFFFFFFFF, stamp_ns, stamp_ns)
         chunk += cdr
-        self._count(channel, 1, stamp_ns, stamp_ns)
+        self._counts[channel] = count + 1
+        self._extend(stamp_ns, stamp_ns)
 
-    def add_block(self, channel: int, stamps_ns: Stamps, rows: Bytes) -> None:
-        """Write messages of one length.
+    def add_blocks(self, blocks: Sequence[tuple[int, Stamps, Bytes]]) -> None:
+        """Write messages of several topics in the order of their stamps.
 
         Parameters
         ----------
-        channel : int
-            From `add_channel`.
-        stamps_ns : ndarray of int64, shape (n,)
-            Log times, not negative [ns].
-        rows : ndarray of uint8, shape (n, size)
-            Their CDR.
+        blocks : sequence of tuple
+            Channel; log times, not negative, ndarray of int64, shape (n,) [ns]; messages of one length,
+            ndarray of uint8, shape (n, size).
 
         Raises
         ------
         OSError
             The stream cannot be written.
         """
+        stamps = np.concatenate([stamps for _, stamps, _ in blocks])
+        lengths = np.concatenate([np.full(len(rows), _MESSAGE_HEAD.size + rows.shape[1]) for _, _, rows in blocks])
+        order = np.argsort(stamps, kind="stable")
+        places = np.empty(len(order), np.int64)
+        places[order] = len(self._chunk) + np.cumsum(lengths[order]) - lengths[order]
+        pieces: list[bytes] = []
+        done = 0
+        for channel, log, rows in blocks:
+            records = self._records(channel, log, rows)
+            size = _MESSAGE_HEAD.size + rows.shape[1]
+            pieces += [records[i : i + size] for i in range(0, len(records), size)]
+            entries = np.stack([log, places[done : done + len(log)]], axis=1).astype("<u8", copy=False)
+            done += len(log)
+            if len(log):
+                self._index.setdefault(channel, bytearray()).extend(entries.tobytes())
+                self._counts[channel] += len(log)
+        self._chunk += b"".join([pieces[i] for i in order])
+        if len(stamps):
+            self._extend(int(stamps.min()), int(stamps.max()))
+
+    def _records(self, channel: int, log: Stamps, rows: Bytes) -> bytes:
+        """Return the records of messages, one after the other."""
         n, size = rows.shape
-        if n == 0:
-            return
         records = np.empty((n, _MESSAGE_HEAD.size + size), np.uint8)
         head = np.empty(n, _MESSAGE_DTYPE)
         head["opcode"], head["length"], head["channel"] = _MESSAGE, records.shape[1] - _RECORD.size, channel
         head["sequence"] = (self._counts[channel] + np.arange(n)) & 0xFFFFFFFF
-        head["log"] = head["publish"] = stamps_ns
+        head["log"] = head["publish"] = log
         records[:, : _MESSAGE_HEAD.size] = head.view(np.uint8).reshape(n, -1)
         records[:, _MESSAGE_HEAD.size :] = rows
-        entries = np.empty((n, 2), "<u8")
-        entries[:, 0] = stamps_ns
-        entries[:, 1] = len(self._chunk) + records.shape[1] * np.arange(n)
-        self._index.setdefault(channel, bytearray()).extend(entries.tobytes())
-        self._chunk += records.tobytes()
-        self._count(channel, n, int(stamps_ns.min()), int(stamps_ns.max()))
+        return records.tobytes()
 
     def flush(self) -> None:
         """Finish the chunk and hand everything to the operating system.
@@ -191,8 +204,8 @@ class McapWriter:
         self._index: dict[int, bytearray] = {}
         self._chunk_span: tuple[int, int] | None = None
 
-    def _count(self, channel: int, count: int, first: int, last: int) -> None:
-        self._counts[channel] += count
+    def _extend(self, first: int, last: int) -> None:
+        """Note the log times that the chunk has got, and finish it when it is full."""
         span = self._chunk_span
         self._chunk_span = (first, last) if span is None else (min(span[0], first), max(span[1], last))
         if len(self._chunk) > _CHUNK_BYTES:

@@ -101,6 +101,26 @@ def dump(value: Any) -> str:
     return stream.getvalue().strip()
 
 
+def profiles(text: str) -> list[dict[str, Any]] | None:
+    """Read the QoS profiles that a bag stores for a topic.
+
+    Parameters
+    ----------
+    text : str
+        YAML.
+
+    Returns
+    -------
+    list of dict or None
+        None: there are none, or they are damaged.
+    """
+    try:
+        found = YAML(typ="safe", pure=True).load(text)
+    except YAMLError:
+        return None
+    return found if isinstance(found, list) and all(isinstance(profile, dict) for profile in found) else None
+
+
 def information(file_name: str, topics: Iterable[TopicEntry], start_ns: int, end_ns: int) -> dict[str, Any]:
     """Build what stands under `rosbag2_bagfile_information`.
 

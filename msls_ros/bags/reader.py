@@ -21,7 +21,7 @@ from typing import Any
 from msls_ros.bags.decoding import TypeDecoders
 from msls_ros.bags.definitions import Definition
 from msls_ros.bags.errors import BagError
-from msls_ros.bags.metadata import bag_files
+from msls_ros.bags.metadata import bag_files, profiles
 from msls_ros.bags.open_storage import open_storage
 from msls_ros.bags.storage import BagMessage, Scanner, Summary, Topic
 
@@ -209,6 +209,26 @@ class BagReader:
         except BagError as error:
             msg = f"{self.path}: topic {topic}: {error}"
             raise BagError(msg) from error
+
+    def qos(self, topic: str) -> list[dict[str, Any]] | None:
+        """Give the offered QoS profiles of a topic, to write into another bag.
+
+        Parameters
+        ----------
+        topic : str
+            Name.
+
+        Returns
+        -------
+        list of dict or None
+            None: not known.
+
+        Raises
+        ------
+        BagError
+            There is no such topic.
+        """
+        return profiles(self.describe(topic).qos)
 
     def _is_wanted(self, topic: str) -> bool:
         return self._wanted is None or topic in self._wanted

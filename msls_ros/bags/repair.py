@@ -6,10 +6,6 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import mkdtemp
-from typing import Any
-
-from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from msls_ros.bags import metadata
 from msls_ros.bags.definitions import Definition
@@ -98,7 +94,7 @@ def _copy(reader: BagReader, bag: Path) -> int:
                     known.add(message.topic)
                     topic = reader.describe(message.topic)
                     writer.add_topic(
-                        topic.name, topic.msgtype, qos=_profiles(topic), definition=_definition(reader, topic)
+                        topic.name, topic.msgtype, qos=reader.qos(topic.name), definition=_definition(reader, topic)
                     )
                 writer.write(*message)
             count += len(batch)
@@ -117,7 +113,7 @@ def _definition(reader: BagReader, topic: Topic) -> Definition:
 
 def _announce(writer: BagWriter, reader: BagReader, name: str) -> None:
     topic = reader.describe(name)
-    writer.add_topic(name, topic.msgtype, qos=_profiles(topic), definition=_definition(reader, topic))
+    writer.add_topic(name, topic.msgtype, qos=reader.qos(topic.name), definition=_definition(reader, topic))
 
 
 def _replace(target: Path, old: tuple[Path, ...], bag: Path) -> None:
@@ -130,11 +126,3 @@ def _replace(target: Path, old: tuple[Path, ...], bag: Path) -> None:
     for file in old:
         if file.name != new.name:
             file.unlink()
-
-
-def _profiles(topic: Topic) -> list[dict[str, Any]] | None:
-    try:
-        profiles = YAML(typ="safe", pure=True).load(topic.qos)
-    except YAMLError:
-        return None
-    return profiles if isinstance(profiles, list) else None

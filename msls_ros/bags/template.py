@@ -7,7 +7,7 @@ bytes the place of every number is looked up; further messages are copies of it 
     rows = template.rows(1000)
     rows["header.stamp.sec"] = ...      # (1000,)
     rows["delta"] = ...                 # (1000, 7)
-    writer.write_block(topic, stamps, template.cdr(rows))
+    writer.write_blocks([(topic, stamps, template.cdr(rows))])
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ class MessageTemplate:
 
     @staticmethod
     def cdr(rows: NDArray[np.void]) -> NDArray[np.uint8]:
-        """Return rows as bytes, shape (n, size), for `BagWriter.write_block`."""
+        """Return rows as bytes, shape (n, size), for `BagWriter.write_blocks`."""
         return rows.view(np.uint8).reshape(len(rows), -1)
 
 

@@ -16,7 +16,7 @@ from __future__ import annotations
 import os
 import re
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -33,7 +33,7 @@ from msls_ros.bags.serde import serialize
 
 FLUSH_INTERVAL_S = 0.5
 _STAMP_LIMIT = 1 << 63
-_OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
+_OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|^identifier\.yaml$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
 
 
 class BagWriter:
@@ -164,33 +164,32 @@ class BagWriter:
             raise _unwritable(self.file, error) from error
         self._count(entry, 1, stamp_ns, stamp_ns)
 
-    def write_block(self, topic: str, stamps_ns: NDArray[np.int64], rows: NDArray[np.uint8]) -> None:
-        """Write messages of one topic and one length: many at the price of one.
+    def write_blocks(self, blocks: Sequence[tuple[str, NDArray[np.int64], NDArray[np.uint8]]]) -> None:
+        """Write many messages in the order of their stamps, a tenth of the price of `write`.
 
         Parameters
         ----------
-        topic : str
-            Announced with `add_topic`.
-        stamps_ns : ndarray of int64, shape (n,)
-            Log times [ns].
-        rows : ndarray of uint8, shape (n, size)
-            Their CDR, from a `MessageTemplate`.
+        blocks : sequence of tuple
+            Topic, announced with `add_topic`; log times, ndarray of int64, shape (n,) [ns]; CDR of messages of one
+            length, ndarray of uint8, shape (n, size), from a `MessageTemplate`. Of equal stamps the first block's is
+            first.
 
         Raises
         ------
         BagError
-            The bag is closed, a stamp is negative, the topic is not announced, or the file cannot be written.
+            The bag is closed, a stamp is negative, a topic is not announced, or the file cannot be written.
         """
         self._check_open()
-        known = self._channels.get(topic)
-        if known is None or len(stamps_ns) != len(rows) or (len(rows) and stamps_ns.min() < 0):
-            msg = f"{self.path}: topic {topic}: expected an announced topic, and a log time from 0 for each message"
-            raise BagError(msg)
-        if not len(rows):
+        filled = [block for block in blocks if len(block[1])]
+        for topic, stamps, rows in filled:
+            if topic not in self._channels or len(stamps) != len(rows) or stamps.min() < 0:
+                msg = f"{self.path}: topic {topic}: expected an announced topic, and a log time from 0 for each message"
+                raise BagError(msg)
+        if not filled:
             return
-        channel, entry = known
-        self._guard(lambda: self._writer.add_block(channel, stamps_ns, rows))
-        self._count(entry, len(rows), int(stamps_ns.min()), int(stamps_ns.max()))
+        self._guard(lambda: self._writer.add_blocks([(self._channels[t][0], s, r) for t, s, r in filled]))
+        for topic, stamps, _ in filled:
+            self._count(self._channels[topic][1], len(stamps), int(stamps.min()), int(stamps.max()))
 
     def write_message(self, topic: str, msgtype: str, stamp_ns: int, message: Any) -> None:
         """Serialise a message and write it.

@@ -1,8 +1,12 @@
-"""Identify from a bag: the same gate and the same identifier as in flight, fed from a file."""
+"""Identify from a bag: the same gate and the same identifier as in flight, fed from a file.
+
+`replay` streams a bag of any length into a new one; `load`, `paired` and `identify` hold a short flight in memory.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,10 +15,165 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros import bags
-from msls_ros.estimation import Configuration, Estimate, Identifier, PairedSample, Refused, Synchronizer
+from msls_ros.bags import BagError, BagMessage, BagReader, BagWriter
+from msls_ros.commands.inputs import InputTopics, SampleSource, find_topics, read_inputs
+from msls_ros.commands.outputs import OUTPUTS, IdentifierOutput
+from msls_ros.commands.profiles import render_profile
+from msls_ros.estimation import (
+    Configuration,
+    Estimate,
+    FaultEvent,
+    Identifier,
+    PairedSample,
+    Refused,
+    Synchronizer,
+)
 
 Array = NDArray[np.float64]
-CHUNK = 2000
+PARAMETERS = "identifier.yaml"
+"""The identifier's parameters, kept in the bag's folder."""
+
+
+def keep_parameters(bag: Path, configuration: Configuration) -> None:
+    """Write the parameters of the identifier into a bag's folder, for `replay`."""
+    text = render_profile(configuration, "The identifier's parameters in this flight.")
+    (bag / PARAMETERS).write_text(text, encoding="utf-8")
+
+
+def kept_parameters(bag: Path) -> Path:
+    """Return the parameter file in a bag's folder.
+
+    Raises
+    ------
+    BagError
+        If there is none.
+    """
+    path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
+    if not path.is_file():
+        message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
+        raise BagError(message)
+    return path
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replayed bag gave."""
+
+    samples: int
+    models: int
+    events: list[tuple[int, FaultEvent]]
+    """Stamps [ns] and events."""
+    refused: dict[str, int]
+    """Messages refused, by reason."""
+    restarts: int
+    """Jumps back in time."""
+    span: tuple[int, int] | None
+    """Stamps of the first and the last sample [ns]."""
+    wall_time: float
+    """[s]"""
+    warnings: list[str]
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How to replay."""
+
+    every: int = 1
+    """Samples per model."""
+    merge: bool = False
+    """Write the input beside the output; topics of the identifier in it are replaced."""
+    namespace: str | None = None
+    """The aircraft, where a bag has several."""
+    definitions: Sequence[Path] = ()
+    """Folders of message definitions that the bag does not hold."""
+    overwrite: bool = False
+    """Replace a bag in the place of the output."""
+
+
+def replay(
+    bag: Path,
+    out: Path,
+    configuration: Configuration,
+    options: ReplayOptions = ReplayOptions(),
+    progress: Callable[[float, int], None] = lambda share, samples: None,
+) -> Replay:
+    """Identify from a bag and write what the node would have published as a new bag.
+
+    Parameters
+    ----------
+    bag, out
+        What to read, and the folder to write.
+    configuration
+        Of the identifier.
+    options
+        See `ReplayOptions`.
+    progress
+        Called with the share of the bag that is done (0 to 1), and the samples.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be used at all, or the new one not be written.
+    """
+    start = time.perf_counter()
+    looked = BagReader(bag, definition_paths=options.definitions)
+    topics = find_topics(bag, looked.topics, options.namespace)
+    wanted = None if options.merge else [topics.state, topics.effectors]
+    reader = BagReader(bag, wanted, definition_paths=options.definitions) if wanted else looked
+    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    source = SampleSource(topics, gate)
+    with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
+        keep_parameters(out, configuration)
+        output = IdentifierOutput(writer, topics, configuration, options.every)
+        beside = _Beside(reader, writer, topics) if options.merge else None
+        for batch in read_inputs(bag, reader, topics):
+            if beside is not None:
+                beside.take(batch)
+            for segment in source.segments(batch):
+                output.take(segment)
+            progress(reader.progress, output.samples)
+    warnings = list(reader.warnings) + (beside.warnings if beside else [])
+    if output.negative:
+        warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
+    if not output.samples:
+        warnings.append(f"{bag}: not one sample; {topics.state} and {topics.effectors} have no stamp in common")
+    wall_time = time.perf_counter() - start
+    return Replay(
+        output.samples,
+        output.models,
+        output.events,
+        dict(gate.refused),
+        gate.restarts,
+        output.span,
+        wall_time,
+        warnings,
+    )
+
+
+class _Beside:
+    """Copies the input into the output bag, but the topics that the output replaces."""
+
+    def __init__(self, reader: BagReader, writer: BagWriter, topics: InputTopics) -> None:
+        self._reader, self._writer = reader, writer
+        self._known: dict[str, bool] = {topics.name(leaf): False for leaf in OUTPUTS}
+        self.warnings: list[str] = []
+
+    def take(self, batch: Sequence[BagMessage]) -> None:
+        for message in batch:
+            known = self._known.get(message.topic)
+            if known is None:
+                known = self._known[message.topic] = self._announce(message.topic)
+            if known:
+                self._writer.write(*message)
+
+    def _announce(self, topic: str) -> bool:
+        try:
+            definition = self._reader.definition(topic)
+        except BagError as error:
+            self.warnings.append(f"{error} (--definitions); the topic is not merged")
+            return False
+        self._writer.add_topic(topic, definition.msgtype, qos=self._reader.qos(topic), definition=definition)
+        return True
 
 
 @dataclass

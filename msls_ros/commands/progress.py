@@ -28,20 +28,21 @@ class Progress:
         self._bar = None
         self._said = time.monotonic()
         if sys.stderr.isatty():
-            form = "{desc}: {percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} {unit} [{elapsed}<{remaining}]"
+            form = "{desc}: {percentage:3.0f} %|{bar}| {n:.1f}/{total:.1f} {unit} [{elapsed}<{remaining}{postfix}]"
             self._bar = tqdm(desc=label, total=total, unit=unit, bar_format=form, file=sys.stderr, leave=True)
 
-    def show(self, done: float) -> None:
-        """Show that ``done`` units are done."""
+    def show(self, done: float, note: str = "") -> None:
+        """Show that ``done`` units are done, and a note beside them."""
         now = time.monotonic()
         if self._bar is not None:
             self._bar.n = min(done, self._total)
             if now - self._said > 0.1:
                 self._said = now
-                self._bar.refresh()
+                self._bar.set_postfix_str(note)
         elif now - self._said > SECONDS_PER_LINE:
             self._said = now
-            print(f"{self._label}: {done:.1f} of {self._total:.1f} {self._unit}", file=sys.stderr, flush=True)
+            about = f", {note}" if note else ""
+            print(f"{self._label}: {done:.1f} of {self._total:.1f} {self._unit}{about}", file=sys.stderr, flush=True)
 
     def __enter__(self) -> Progress:
         """Return itself."""
