@@ -21,7 +21,7 @@ from rclpy.publisher import Publisher
 from msls_ros.nodes.quality import INPUT
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-PATIENCE = 60.0
+PATIENCE = 120.0
 """Wall clock after which what was waited for will not come [s]."""
 SomeNode = TypeVar("SomeNode", bound=Node)
 _numbers = itertools.count()

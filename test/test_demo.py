@@ -105,6 +105,12 @@ def test_without_noise_it_settles_soon_and_in_a_third_of_the_time_of_rls(flights
     assert b43["rls"]["peak_error"] >= 2.0 * b43["msls"]["peak_error"]
 
 
+@pytest.mark.parametrize("seed", SEEDS["low"])
+def test_in_low_noise_it_settles_no_later_than_rls(flights: Flights, seed: int) -> None:
+    b43 = flights("roll_doublet_tail_fault", "low", seed).summary["b43"]
+    assert b43["msls"]["settle_s"] <= b43["rls"]["settle_s"]
+
+
 def test_in_low_noise_the_median_flight_errs_less_than_rls(flights: Flights) -> None:
     found = [flights("roll_doublet_tail_fault", "low", seed).summary["b43"] for seed in SEEDS["low"]]
     for number in ("rms_after", "peak_error"):
