@@ -1,6 +1,6 @@
 """Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual.
 
-``python -m msls_ros.commands.profiles`` writes the shipped profiles again, after a parameter was added or described anew.
+``python -m msls_ros.commands.profiles`` writes the F-16 profiles again, after a parameter was added or described anew.
 """
 
 from __future__ import annotations
@@ -13,10 +13,12 @@ from typing import Any
 
 import yaml
 
-from msls_ros.estimation import Configuration, EstimationError, from_mapping
+from msls_ros.estimation import Configuration, EstimationError, InputMap, from_mapping
 from msls_ros.estimation.configuration import Bounds, items
 
 WIDTH = 116
+OTHER = ("autostart", "publish_every", "use_sim_time", "inputs")
+"""Entries of a parameter file that are not of the `Configuration`."""
 
 
 def config_folder() -> Path:
@@ -34,7 +36,7 @@ def config_folder() -> Path:
 
 
 def read_profile(name: str | os.PathLike[str]) -> Configuration:
-    """Read a parameter file.
+    """Read the identifier's parameters from a parameter file.
 
     Parameters
     ----------
@@ -46,13 +48,55 @@ def read_profile(name: str | os.PathLike[str]) -> Configuration:
     EstimationError
         For a file that is missing or wrong; the sentence names the file.
     """
+    path, section = _load(name)
+    try:
+        return from_mapping({k: v for k, v in section.items() if k not in OTHER})
+    except EstimationError as error:
+        message = f"parameter file '{path}': {error}"
+        raise EstimationError(message) from error
+
+
+def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
+    """Read the section ``inputs`` of a parameter file: where other message types have states and deflections.
+
+    Parameters
+    ----------
+    name
+        As `read_profile` takes it.
+
+    Returns
+    -------
+    InputMap or None
+        None where the file has no such section: the inputs are ``msls_msgs`` on the topics of the identifier.
+
+    Raises
+    ------
+    EstimationError
+        As `read_profile`.
+    """
+    path, section = _load(name)
+    entries = section.get("inputs")
+    if entries is None:
+        return None
+    try:
+        if not isinstance(entries, Mapping):
+            message = f"'inputs' is {entries!r}; it must be a section of its own"
+            raise EstimationError(message)
+        return InputMap.from_parameters(entries)
+    except EstimationError as error:
+        message = f"parameter file '{path}': {error}"
+        raise EstimationError(message) from error
+
+
+def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
+    """Find a parameter file and return the identifier's section of it."""
     path = Path(name)
     if path.suffix not in (".yaml", ".yml"):
-        shipped = sorted(p.stem for p in config_folder().glob("*.yaml"))
+        shipped = {p.stem: p for p in sorted(config_folder().rglob("*.yaml"))}
         if str(name) not in shipped:
             message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
             raise EstimationError(message)
-        path = config_folder() / f"{name}.yaml"
+        path = shipped[str(name)]
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -61,22 +105,12 @@ def read_profile(name: str | os.PathLike[str]) -> Configuration:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
         raise EstimationError(message) from error
-    try:
-        return from_mapping(_identifier_section(content))
-    except EstimationError as error:
-        message = f"parameter file '{path}': {error}"
-        raise EstimationError(message) from error
-
-
-def _identifier_section(content: Any) -> Mapping[str, Any]:
-    """Return the identifier's parameters out of a ROS parameter file."""
     if isinstance(content, Mapping):
         for node in ("identifier", "/identifier", "/**"):
             section = content.get(node)
             if isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping):
-                own = ("autostart", "publish_every", "use_sim_time")
-                return {k: v for k, v in section["ros__parameters"].items() if k not in own}
-    message = "has no section 'identifier: ros__parameters:'"
+                return path, section["ros__parameters"]
+    message = f"parameter file '{path}': has no section 'identifier: ros__parameters:'"
     raise EstimationError(message)
 
 
