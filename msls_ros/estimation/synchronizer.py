@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,7 @@ PENDING = 64
 """Unpaired samples kept per stream before the oldest is given up."""
 
 
-@dataclass(frozen=True)
-class PairedSample:
+class PairedSample(NamedTuple):
     """States, derivatives and deflections of one instant."""
 
     stamp: int
@@ -79,38 +78,57 @@ class NamedVector:
         Refused
             For a name that is missing or repeated, a wrong length, or a number that is not finite.
         """
-        order = self._order(tuple(names))
+        return self.arrange_fields(names, fields)
+
+    def arrange_fields(self, names: Sequence[str], fields: Mapping[str, Sequence[float]]) -> tuple[Array, ...]:
+        """As `arrange`, with the fields in one mapping."""
+        order = self._orders.get(tuple(names))
+        if order is None:
+            order = self._new_order(tuple(names))
+        shape = (len(names),)
         arrays = []
         for field, values in fields.items():
             array = np.asarray(values, dtype=np.float64)
-            if array.shape != (len(names),):
+            if array.shape != shape:
                 text = f"{self.kind} sample: {field} has {array.size} values; expected one per name, {len(names)}"
                 raise Refused("length", text)
             array = array[order]
-            numbers = array.tolist()
-            if not all(map(math.isfinite, numbers)):
-                bad = next(i for i, v in enumerate(numbers) if not math.isfinite(v))
-                text = f"{self.kind} sample: {field} of {self.names[bad]} is {numbers[bad]}; expected a finite number"
-                raise Refused("not_finite", text)
+            if not math.isfinite(sum(array.tolist())):
+                self._check_finite(field, array)
             arrays.append(array)
         return tuple(arrays)
 
-    def _order(self, names: tuple[str, ...]) -> NDArray[np.intp]:
+    def _check_finite(self, field: str, array: Array) -> None:
+        """Refuse the first number that is not finite. A finite sum has none; that of huge numbers may overflow."""
+        for name, number in zip(self.names, array.tolist(), strict=True):
+            if not math.isfinite(number):
+                text = f"{self.kind} sample: {field} of {name} is {number}; expected a finite number"
+                raise Refused("not_finite", text)
+
+    def _new_order(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return where our names stand among the message's; remembered per layout."""
-        order = self._orders.get(names)
-        if order is None:
-            missing = [n for n in self.names if n not in names]
-            if missing or len(set(names)) != len(names):
-                what = (
-                    f"no '{missing[0]}' among the names {list(names)}"
-                    if missing
-                    else f"repeated names in {list(names)}"
-                )
-                raise Refused("names", f"{self.kind} sample: {what}; expected {list(self.names)}")
-            order = np.array([names.index(n) for n in self.names], dtype=np.intp)
-            if len(self._orders) < PENDING:
-                self._orders[names] = order
+        missing = [n for n in self.names if n not in names]
+        if missing or len(set(names)) != len(names):
+            what = f"no '{missing[0]}' among the names {list(names)}" if missing else f"repeated names in {list(names)}"
+            raise Refused("names", f"{self.kind} sample: {what}; expected {list(self.names)}")
+        order = np.array([names.index(n) for n in self.names], dtype=np.intp)
+        if len(self._orders) < PENDING:
+            self._orders[names] = order
         return order
+
+
+class _Stream:
+    """One input stream: its vector, what waits for a partner by stamp, the last stamp."""
+
+    __slots__ = ("last", "pending", "vector")
+
+    def __init__(self, kind: str, names: Sequence[str]) -> None:
+        self.vector = NamedVector(kind, names)
+        self.clear()
+
+    def clear(self) -> None:
+        self.pending: dict[int, tuple[Array, ...]] = {}
+        self.last: int | None = None
 
 
 class Synchronizer:
@@ -126,7 +144,7 @@ class Synchronizer:
 
     def __init__(self, states: Sequence[str], effectors: Sequence[str], time_jump: float = 1.0) -> None:
         """Start with nothing pending; see the class."""
-        self._vectors = {"state": NamedVector("state", states), "effector": NamedVector("effector", effectors)}
+        self._states, self._effectors = _Stream("state", states), _Stream("effector", effectors)
         self._jump = round(time_jump * 1e9)
         self.refused: Counter[str] = Counter()
         """Messages refused, by reason."""
@@ -138,8 +156,8 @@ class Synchronizer:
 
     def clear(self) -> None:
         """Forget what is pending and the last stamps; the counts stay."""
-        self._pending: dict[str, dict[int, tuple[Array, ...]]] = {"state": {}, "effector": {}}
-        self._last: dict[str, int | None] = {"state": None, "effector": None}
+        self._states.clear()
+        self._effectors.clear()
         self._restarted = False
 
     def add_state(
@@ -166,11 +184,11 @@ class Synchronizer:
         """
         if len(xdot) == 0 and len(x) > 0:
             raise self.refuse("xdot_missing", "state sample without xdot: the derivatives are needed")
-        return self._add("state", stamp, names, {"x": x, "xdot": xdot})
+        return self._add(self._states, stamp, names, {"x": x, "xdot": xdot})
 
     def add_effectors(self, stamp: int, names: Sequence[str], delta: Sequence[float]) -> PairedSample | None:
         """Take an effector sample; as `add_state`."""
-        return self._add("effector", stamp, names, {"delta": delta})
+        return self._add(self._effectors, stamp, names, {"delta": delta})
 
     def refuse(self, reason: str, text: str) -> Refused:
         """Count a refusal and return it, to be raised; also for what is found outside of this class."""
@@ -178,53 +196,46 @@ class Synchronizer:
         return Refused(reason, text)
 
     def _add(
-        self, kind: str, stamp: int, names: Sequence[str], fields: dict[str, Sequence[float]]
+        self, stream: _Stream, stamp: int, names: Sequence[str], fields: Mapping[str, Sequence[float]]
     ) -> PairedSample | None:
         try:
-            arrays = self._vectors[kind].arrange(names, **fields)
+            arrays = stream.vector.arrange_fields(names, fields)
         except Refused as refused:
             self.refused[refused.reason] += 1
             raise
-        self._check_stamp(kind, stamp)
-        self._pending[kind][stamp] = arrays
-        return self._pair(stamp, kind)
+        if stream.last is not None and stamp <= stream.last:
+            self._step_back(stream.vector.kind, stamp, stream.last)
+        stream.last = stamp
+        stream.pending[stamp] = arrays
+        return self._pair(stamp, stream)
 
-    def _check_stamp(self, kind: str, stamp: int) -> None:
-        """Refuse stamps that repeat or go back a little; start anew where they jump back."""
-        last = self._last[kind]
-        if last is not None and stamp <= last:
-            if last - stamp > self._jump:
-                self._restart()
-            else:
-                word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
-                text = (
-                    f"{kind} sample: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s); expected a later one"
-                )
-                raise self.refuse(word, text)
-        self._last[kind] = stamp
-
-    def _restart(self) -> None:
-        """Forget the time before the jump, in both streams."""
+    def _step_back(self, kind: str, stamp: int, last: int) -> None:
+        """Refuse a stamp that repeats or goes back a little; start anew, in both streams, where it jumps back."""
+        if last - stamp <= self._jump:
+            word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
+            text = f"{kind} sample: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s); expected a later one"
+            raise self.refuse(word, text)
         self.clear()
         self._restarted = True
         self.restarts += 1
 
-    def _pair(self, stamp: int, kind: str) -> PairedSample | None:
-        states, effectors = self._pending["state"], self._pending["effector"]
+    def _pair(self, stamp: int, stream: _Stream) -> PairedSample | None:
+        states, effectors = self._states.pending, self._effectors.pending
         if stamp in states and stamp in effectors:
             x, xdot = states.pop(stamp)
             (delta,) = effectors.pop(stamp)
-            self._give_up(stamp)
+            if states or effectors:
+                self._give_up(stamp)
             self.paired += 1
             restarted, self._restarted = self._restarted, False
             return PairedSample(stamp, x, xdot, delta, restarted)
-        if len(self._pending[kind]) > PENDING:
-            self._give_up(next(iter(self._pending[kind])) + 1)
+        if len(stream.pending) > PENDING:
+            self._give_up(next(iter(stream.pending)) + 1)
         return None
 
     def _give_up(self, before: int) -> None:
         """Count and drop what is older and can no longer be paired."""
-        for kind, pending in self._pending.items():
-            for stamp in [s for s in pending if s < before]:
-                del pending[stamp]
-                self.refused[f"{kind}_unpaired"] += 1
+        for stream in (self._states, self._effectors):
+            for stamp in [s for s in stream.pending if s < before]:
+                del stream.pending[stamp]
+                self.refused[f"{stream.vector.kind}_unpaired"] += 1
