@@ -24,7 +24,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
-from msls_ros.estimation.state import COLOURS, Settings
+from msls_ros.estimation.state import COLOURS, Settings, make_output
 from msls_ros.estimation.supervision import Supervisor
 
 
@@ -51,6 +51,7 @@ class Identifier:
         self.configuration = configuration
         c = configuration
         self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
+        self._regressors = c.regressors
         known = {s: c.rows.index(s) if c.known_gravity and s in c.rows else -1 for s in "uvw"}
         self._forces = np.array([known[s] for s in "uvw"], np.int64)
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
@@ -147,6 +148,7 @@ class Identifier:
         self._check(time, x, xdot, delta)
         estimates: list[Estimate] = []
         blocks: list[DitherBlock] = []
+        x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (x, xdot, delta))
         start = 0
         while start < len(time):
             due = every - int(self._regression.state.samples[0]) % every
@@ -159,24 +161,20 @@ class Identifier:
 
     def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> DitherBlock:
         """Put checked samples through the compiled loop and the dither law; return the dithers that answer them."""
-        c = self.configuration
-        count, r = len(time), len(c.rows)
-        phi, y = np.empty((count, len(c.regressors))), np.empty((count, r))
+        count = len(time)
+        phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
-        effect, excitation, alarm = np.empty((count, r)), np.empty(count), np.empty((count, r), np.int64)
+        out = make_output(count, len(self._kept))
         done = 0
         while done < count:
             stop = done + 1 if self._supervisor.watching else count
-            taken, out = self._regression.advance(phi[done:stop], y[done:stop])
-            part = slice(done, done + taken)
-            effect[part], excitation[part], alarm[part] = out.effect[:taken], out.excitation[:taken], out.alarm[:taken]
-            done += taken
-            now = float(time[done - 1])
-            if alarm[done - 1].any():
-                self._events.append(self._supervisor.alarm(now, out.statistic[taken - 1], alarm[done - 1]))
+            done = self._regression.advance_into(out, phi, y, done, stop)
+            now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            if alarm.any():
+                self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)
-            self._error, self._statistic = out.e[taken - 1], out.statistic[taken - 1]
-        block = self._law.commands(time, effect, excitation, alarm, delta)
+        self._error = out.e[count - 1]
+        block = self._law.commands(time, out.effect, out.excitation, out.alarm, delta)
         self._dither = block.at(count - 1)
         return block
 
@@ -207,7 +205,7 @@ class Identifier:
             a_known=self._assembly.a_known,
             a_reliable=model.a_reliable,
             b_reliable=model.b_reliable,
-            regressors=c.regressors,
+            regressors=self._regressors,
             excitation=model.excitation,
             residual_std=model.residual_std,
             forgetting_factor=self._assembly.forgetting_factor,

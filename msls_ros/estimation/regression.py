@@ -101,8 +101,21 @@ class Regression:
             How many were taken, and what happened at each.
         """
         out = make_output(len(phi), y.shape[1])
-        taken = advance(self.settings, self.state, phi, y, self.weights, self._work, self._w0, out)
-        return taken, out
+        return self.advance_into(out, phi, y, 0, len(phi)), out
+
+    def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
+        """Take samples from ``start`` on, as `advance`; return the index after the last one taken.
+
+        Parameters
+        ----------
+        out
+            Filled from ``start`` on, see `make_output`.
+        phi, y
+            As for `advance`.
+        start, stop
+            Of the samples to take.
+        """
+        return advance(self.settings, self.state, phi, y, start, stop, self.weights, self._work, self._w0, out)
 
     def run(self, phi: Array, y: Array) -> tuple[Array, Array, Integers]:
         """Take all samples; return the estimates, their standard errors and the alarms after each.

@@ -23,8 +23,19 @@ from msls_ros.estimation.state import Output, Settings, State, clear_group
 
 
 @compiled
-def advance(s: Settings, x: State, phi: Array, y: Array, weights: Array, work: Work, w0: Array, out: Output) -> int:
-    """Take samples until one alarms or all are taken; return how many were taken.
+def advance(
+    s: Settings,
+    x: State,
+    phi: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    weights: Array,
+    work: Work,
+    w0: Array,
+    out: Output,
+) -> int:
+    """Take samples until one alarms or all are taken; return the index after the last one taken.
 
     Parameters
     ----------
@@ -32,6 +43,8 @@ def advance(s: Settings, x: State, phi: Array, y: Array, weights: Array, work: W
         Settings and state.
     phi, y
         (n, p) regressors and (n, r) outputs, finite.
+    start, stop
+        Which samples to take.
     weights
         Dither weight of each effector.
     work, w0
@@ -39,7 +52,7 @@ def advance(s: Settings, x: State, phi: Array, y: Array, weights: Array, work: W
     out
         What happened, per sample.
     """
-    for n in range(phi.shape[0]):
+    for n in range(start, stop):
         any_alarm = sense_change(s, x, phi[n], y[n], out.e[n], out.statistic[n], out.alarm[n])
         if any_alarm:
             split(s, x, out.alarm[n])
@@ -56,7 +69,7 @@ def advance(s: Settings, x: State, phi: Array, y: Array, weights: Array, work: W
         out.excitation[n] = summarise(s, x, weights, out.effect[n])
         if any_alarm:
             return n + 1
-    return int(phi.shape[0])
+    return stop
 
 
 @compiled
