@@ -7,24 +7,24 @@ written one after the other is read twice at the same time and merged by log tim
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from msls_ros.bags import BagError, BagMessage, BagReader, SampleDecoder
 from msls_ros.estimation import PairedSample, Refused, Synchronizer
+from msls_ros.estimation.block_pairing import PairedBlock, Stream, pair_block
 
-Array = NDArray[np.float64]
 Batches = Iterator[list[BagMessage]]
 STATE, EFFECTORS = "msls_msgs/msg/StateSample", "msls_msgs/msg/EffectorSample"
 _LEAVES = {"state": STATE, "effectors": EFFECTORS}
 _LOOK = 1000
 """Messages of one input, with none of the other between them, that show a bag of streams one after the other."""
+_SMALLEST, _LARGEST = 64, 1 << 16
+"""Messages that are tried as one block."""
 
 
 @dataclass(frozen=True)
@@ -47,18 +47,6 @@ class InputTopics:
     def effectors(self) -> str:
         """Topic of the deflections."""
         return self.name("effectors")
-
-
-class Segment(NamedTuple):
-    """Samples in a row, k of them."""
-
-    restarted: bool
-    """Time jumped back before them: start anew."""
-    stamps: NDArray[np.int64]
-    """(k,) [ns]."""
-    x: Array
-    xdot: Array
-    delta: Array
 
 
 def find_topics(bag: Path, topics: dict[str, str], namespace: str | None) -> InputTopics:
@@ -153,6 +141,8 @@ def _grouped(messages: Iterable[BagMessage]) -> Batches:
 class SampleSource:
     """Puts messages through the gate and collects what comes out.
 
+    Where the streams are regular, blocks of them pass at once; `pair_block` sees to it that this is all the same.
+
     Parameters
     ----------
     topics
@@ -163,54 +153,90 @@ class SampleSource:
 
     def __init__(self, topics: InputTopics, gate: Synchronizer) -> None:
         """Begin; see the class."""
-        self._gate = gate
+        self._topics, self._gate = topics, gate
         self._state, self._effectors = SampleDecoder(STATE), SampleDecoder(EFFECTORS)
-        self._take: dict[str, Callable[[bytes], PairedSample | None]] = {
-            topics.state: self._add_state,
-            topics.effectors: self._add_effectors,
-        }
+        self._waiting: list[BagMessage] = []
+        self._size = _LARGEST
 
-    def segments(self, batch: Sequence[BagMessage]) -> Iterator[Segment]:
-        """Yield the samples that a batch completes; one segment between two jumps of time."""
+    def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        """Yield the samples that a batch completes, but for some that wait for the next batch."""
+        wanted = (self._topics.state, self._topics.effectors)
+        messages = self._waiting + [message for message in batch if message.topic in wanted]
+        alone = _SMALLEST
+        while len(messages) >= _SMALLEST:
+            part = messages[: self._size]
+            block, rest = self._block(part)
+            if block is not None:
+                yield block
+                messages = rest + messages[len(part) :]
+                self._size, alone = min(2 * self._size, _LARGEST), _SMALLEST
+                if len(rest) >= _SMALLEST // 2:
+                    break
+            elif self._size > _SMALLEST:
+                self._size //= 4
+            else:
+                yield from self._one_by_one(messages[:alone])
+                messages = messages[alone:]
+                alone *= 2
+        self._waiting = messages
+
+    def rest(self) -> Iterator[PairedBlock]:
+        """Yield the samples of the messages that still wait, at the end of the bag."""
+        yield from self._one_by_one(self._waiting)
+        self._waiting = []
+
+    def _block(self, messages: list[BagMessage]) -> tuple[PairedBlock | None, list[BagMessage]]:
+        """Return as many samples as the messages hold of both streams, and the messages left over."""
+        state = self._topics.state
+        is_state = np.array([message.topic == state for message in messages])
+        count = min(int(is_state.sum()), len(messages) - int(is_state.sum()))
+        if count == 0:
+            return None, []
+        parts = [[m for m in messages if m.topic == state], [m for m in messages if m.topic != state]]
+        states = self._state.decode_block([m.data for m in parts[0][:count]])
+        effectors = self._effectors.decode_block([m.data for m in parts[1][:count]])
+        if states is None or effectors is None or states.rates is None:
+            return None, []
+        block = pair_block(
+            self._gate,
+            Stream(states.stamps_ns, states.names, (states.values, states.rates)),
+            Stream(effectors.stamps_ns, effectors.names, (effectors.values,)),
+            is_state,
+        )
+        return block, parts[0][count:] + parts[1][count:]
+
+    def _one_by_one(self, messages: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        """Yield what the gate makes of the messages; one block between two jumps of time."""
         samples: list[PairedSample] = []
-        for message in batch:
-            take = self._take.get(message.topic)
-            if take is None:
-                continue
+        for message in messages:
             try:
-                sample = take(message.data)
+                sample = self._offer(message)
             except Refused:
                 continue
             if sample is None:
                 continue
             if sample.restarted and samples:
-                yield _segment(samples)
+                yield _collected(samples)
                 samples = []
             samples.append(sample)
         if samples:
-            yield _segment(samples)
+            yield _collected(samples)
 
-    def _add_state(self, cdr: bytes) -> PairedSample | None:
+    def _offer(self, message: BagMessage) -> PairedSample | None:
+        is_state = message.topic == self._topics.state
         try:
-            sample = self._state.decode(cdr)
+            sample = (self._state if is_state else self._effectors).decode(message.data)
         except BagError as error:
             raise self._gate.refuse("malformed", str(error)) from error
-        return self._gate.add_state(sample.stamp_ns, sample.names, sample.values.tolist(), _rates(sample.rates))
-
-    def _add_effectors(self, cdr: bytes) -> PairedSample | None:
-        try:
-            sample = self._effectors.decode(cdr)
-        except BagError as error:
-            raise self._gate.refuse("malformed", str(error)) from error
-        return self._gate.add_effectors(sample.stamp_ns, sample.names, sample.values.tolist())
+        values = sample.values.tolist()
+        if not is_state:
+            return self._gate.add_effectors(sample.stamp_ns, sample.names, values)
+        rates = [] if sample.rates is None else sample.rates.tolist()
+        return self._gate.add_state(sample.stamp_ns, sample.names, values, rates)
 
 
-def _rates(rates: Array | None) -> list[float]:
-    return [] if rates is None else rates.tolist()
-
-
-def _segment(samples: list[PairedSample]) -> Segment:
-    return Segment(
+def _collected(samples: list[PairedSample]) -> PairedBlock:
+    return PairedBlock(
         samples[0].restarted,
         np.array([s.stamp for s in samples], dtype=np.int64),
         np.array([s.x for s in samples]),

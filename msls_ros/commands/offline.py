@@ -115,7 +115,6 @@ def replay(
     BagError
         If the bag cannot be used at all, or the new one not be written.
     """
-    start = time.perf_counter()
     looked = BagReader(bag, definition_paths=options.definitions)
     topics = find_topics(bag, looked.topics, options.namespace)
     wanted = None if options.merge else [topics.state, topics.effectors]
@@ -125,6 +124,7 @@ def replay(
     with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration)
         output = IdentifierOutput(writer, topics, configuration, options.every)
+        start = time.perf_counter()
         beside = _Beside(reader, writer, topics) if options.merge else None
         for batch in read_inputs(bag, reader, topics):
             if beside is not None:
@@ -132,6 +132,8 @@ def replay(
             for segment in source.segments(batch):
                 output.take(segment)
             progress(reader.progress, output.samples)
+        for segment in source.rest():
+            output.take(segment)
     warnings = list(reader.warnings) + (beside.warnings if beside else [])
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")

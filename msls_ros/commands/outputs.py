@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from msls_ros import records
 from msls_ros.bags import BagWriter, MessageTemplate
-from msls_ros.commands.inputs import InputTopics, Segment
+from msls_ros.commands.inputs import InputTopics
 from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
+from msls_ros.estimation.block_pairing import PairedBlock
 
 DITHER, FAULT, MODEL = "msls_msgs/msg/DitherCommand", "msls_msgs/msg/FaultEvent", "msls_msgs/msg/LinearModel"
 OUTPUTS = {"dither": DITHER, "fault": FAULT, "model": MODEL}
@@ -38,6 +39,9 @@ class IdentifierOutput:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
         self._identifier = Identifier(configuration)
+        n, m = len(configuration.states), len(configuration.effectors)
+        self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))  # compiles
+        self._identifier.reset()
         self._effectors = list(configuration.effectors)
         self._topic = {leaf: topics.name(leaf) for leaf in OUTPUTS}
         for leaf, msgtype in OUTPUTS.items():
@@ -52,7 +56,7 @@ class IdentifierOutput:
         self.span: tuple[int, int] | None = None
         """Stamps of the first and the last sample [ns]."""
 
-    def take(self, segment: Segment) -> None:
+    def take(self, segment: PairedBlock) -> None:
         """Identify from a segment; write its dithers, events and models in the order of their stamps.
 
         Raises
