@@ -1,4 +1,4 @@
-"""`benchmark`: our kernel beside plain C and its peers: time per update (kernel), ill-conditioned stream (stress)."""
+"""`benchmark`: our kernel beside plain C and its peers: time per update (kernel), ill-conditioned stream (stress), bags (replay)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ def parser() -> argparse.ArgumentParser:
     kernel.add_argument("--rounds", type=_count, default=25, help="how often each is timed (default: 25)")
     stress = commands.add_parser("stress", help="two regressors almost alike: first NaN and peak error")
     stress.add_argument("--samples", type=_count, default=100_000, help="length of the stream (default: 100000)")
-    for command in (kernel, stress):
+    replay = commands.add_parser("replay", help="offline identification from a bag beside what reading alone costs")
+    replay.add_argument("--samples", type=_count, default=300_000, help="length of the bag (default: 300000)")
+    replay.add_argument("--every", type=_count, default=10, help="samples per model (default: 10)")
+    for command in (kernel, stress, replay):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -44,7 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
-    result = _kernel(arguments) if arguments.command == "kernel" else _stress(arguments)
+    result = {"kernel": _kernel, "stress": _stress, "replay": _replay}[arguments.command](arguments)
     if result is None:
         return 1
     if arguments.json:
@@ -73,6 +76,25 @@ def _stress(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(format_stress(table, arguments.samples))
     return table
+
+
+def _replay(arguments: argparse.Namespace) -> Any:
+    result = importlib.import_module("benchmarks.replay").measure(arguments.samples, arguments.every, _say)
+    if not arguments.json:
+        print(format_replay(result))
+    return result
+
+
+def format_replay(result: dict[str, Any]) -> str:
+    """Return the rates as text."""
+    lines = [
+        f"\n{result['samples']} samples, two messages each, a model every {result['every']}: samples/s of processor time "
+        "(of wall time), best round, one thread"
+    ]
+    for name, label in (("raw", "rosbags reads the bag, nothing decoded"), ("replay", "replay: read, identify, write")):
+        rate, wall = result[f"{name}_samples_per_s"], result[f"{name}_samples_per_s_wall"]
+        lines.append(f"{label:45}{rate:>10,} ({wall:,})")
+    return "\n".join([*lines, f"{'replay / raw':45}{result['replay_to_raw']:>10.2f}"])
 
 
 def format_kernel(p: int, rows: int, table: Sequence[dict[str, Any]]) -> str:

@@ -17,6 +17,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from msls_ros.commands.offline import keep_parameters
 from msls_ros.commands.scenarios import Scenario
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
@@ -103,6 +104,7 @@ def fly(
             return node
 
         recorder: RecorderNode = add(RecorderNode, {"out": str(bag), "overwrite": overwrite})
+        keep_parameters(bag, configuration)
         pilot: PilotNode = add(PilotNode, {"condition": scenario.condition, "manoeuvre": scenario.manoeuvre})
         identifier: IdentifierNode = add(IdentifierNode, {**as_mapping(configuration), "use_sim_time": True})
         plant: PlantNode = add(PlantNode, _plant_parameters(scenario, noise, seed))
