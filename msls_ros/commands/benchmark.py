@@ -1,4 +1,4 @@
-"""`benchmark`: our kernel beside plain C and its peers: time per update (kernel), ill-conditioned stream (stress), bags (replay)."""
+"""`benchmark`: ours beside plain C and peers: time per update (kernel), ill-conditioned stream (stress), bags (replay)."""
 
 from __future__ import annotations
 
@@ -88,8 +88,8 @@ def _replay(arguments: argparse.Namespace) -> Any:
 def format_replay(result: dict[str, Any]) -> str:
     """Return the rates as text."""
     lines = [
-        f"\n{result['samples']} samples, two messages each, a model every {result['every']}: samples/s of processor time "
-        "(of wall time), best round, one thread"
+        f"\n{result['samples']} samples, two messages each, a model every {result['every']}: samples/s "
+        "of processor time (of wall time), best round, one thread"
     ]
     for name, label in (("raw", "rosbags reads the bag, nothing decoded"), ("replay", "replay: read, identify, write")):
         rate, wall = result[f"{name}_samples_per_s"], result[f"{name}_samples_per_s_wall"]
