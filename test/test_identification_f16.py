@@ -1,0 +1,126 @@
+"""The identifier on the simulated F-16: what it must find, what it must leave alone, how honest its error bars are."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from flights import FlightLog, fly
+
+from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.estimation import Configuration, EventKind
+from msls_ros.plant import MANOEUVRES
+
+SCENARIO = SCENARIOS["roll_doublet_tail_fault"]
+ROWS = 6
+
+
+def configuration(noise: str, seed: int) -> Configuration:
+    return SCENARIO.configuration(noise, seed, dither=True)
+
+
+def loss(noise: str, seed: int, left: float, duration: float = 5.2) -> FlightLog:
+    return fly(
+        configuration(noise, seed), noise=noise, seed=seed, duration=duration, fault=(4.0, "left_stabilator", left)
+    )
+
+
+@pytest.mark.parametrize(
+    ("noise", "left", "within"), [("none", 0.5, 0.04), ("low", 0.0, 0.04), ("low", 0.5, 0.5), ("med", 0.0, 0.2)]
+)
+def test_a_loss_is_seen_in_time_in_ten_of_ten_flights(noise: str, left: float, within: float) -> None:
+    seen, false = 0, 0
+    for seed in range(10):
+        alarms = loss(noise, seed, left).alarms()
+        seen += any(4.0 < t <= 4.0 + within + 1e-9 for t in alarms)
+        false += sum(t <= 4.0 for t in alarms)
+    assert (seen, false) == (10, 0)
+
+
+def test_half_a_stabilator_in_medium_noise_is_seen_in_nine_of_ten() -> None:
+    assert sum(any(4.0 < t <= 4.5 for t in loss("med", seed, 0.5).alarms()) for seed in range(10)) >= 9
+
+
+def test_an_intact_aircraft_in_medium_noise_alarms_at_most_once_in_200_s() -> None:
+    assert len(fly(configuration("med", 77), noise="med", seed=77, duration=200.0).alarms()) <= 1
+
+
+def test_isolation_names_both_effectors_with_half_of_their_effect_left_within_a_second() -> None:
+    for seed in range(6):
+        named = {}
+        for event in loss("low", seed, 0.0).events:
+            if event.kind == EventKind.ISOLATED and event.time <= 5.0:
+                named[event.suspected_effector] = event.effectiveness
+        assert abs(named["ddt"] - 0.5) <= 0.1, (seed, named)
+        assert abs(named["de"] - 0.5) <= 0.1, (seed, named)
+        assert set(named) == {"de", "ddt"}
+
+
+def test_recovery_is_announced_once_the_penalty_is_back() -> None:
+    events = loss("low", 0, 0.0, 6.0).events
+    recovered = [e for e in events if e.kind == EventKind.RECOVERED]
+    detected = [e for e in events if e.kind == EventKind.DETECTED]
+    assert len(recovered) == len(detected) == 1
+    assert recovered[0].equations == detected[0].equations
+    assert recovered[0].time == pytest.approx(4.02 + 4 * 14 * 0.02 - 0.02)
+
+
+@pytest.mark.parametrize("turbulence", ["none", "moderate"])
+def test_a_strong_manoeuvre_of_an_intact_aircraft_alarms_at_most_three_times(turbulence: str) -> None:
+    for seed in (0, 1):
+        log = fly(
+            configuration("low", seed),
+            noise="low",
+            seed=seed,
+            duration=170.0,
+            manoeuvre=MANOEUVRES["strong"],
+            turbulence=turbulence,
+        )
+        assert len(log.alarms("PQR")) <= 3
+        assert all(np.isfinite(e.a).all() and np.isfinite(e.b).all() for e in log.estimates)
+
+
+@pytest.mark.parametrize(("turbulence", "least"), [("none", 18), ("moderate", 12)])
+def test_half_of_ddt_lost_in_use_is_seen_in_the_strong_manoeuvre(turbulence: str, least: int) -> None:
+    manoeuvre, seen = MANOEUVRES["strong"], 0
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        at = 0.0
+        while not (manoeuvre.active(at) and manoeuvre.active(at + 0.3)):
+            at = round(rng.uniform(12.0, 22.0) * 50.0) / 50.0
+        log = fly(
+            configuration("low", seed),
+            noise="low",
+            seed=seed,
+            duration=at + 0.6,
+            manoeuvre=manoeuvre,
+            fault=(at, "ddt", 0.5),
+            turbulence=turbulence,
+        )
+        seen += any(at < t <= at + 0.5 + 1e-9 for t in log.alarms())
+    assert seen >= least
+
+
+def coverage(log: FlightLog, *, reliable_only: bool) -> tuple[float, int]:
+    """Share of the true values inside the 95 % band, over rows u..R of A and B after the first second."""
+    hits: list[np.ndarray] = []
+    for k, truth in log.truths.items():
+        e = log.estimates[k]
+        if k < 50:
+            continue
+        error = np.concatenate([np.abs(e.a - truth.a)[:ROWS, :ROWS], np.abs(e.b - truth.b)[:ROWS]], axis=1)
+        std = np.concatenate([e.a_std[:ROWS, :ROWS], e.b_std[:ROWS]], axis=1)
+        use = np.concatenate([e.a_reliable[:ROWS, :ROWS], e.b_reliable[:ROWS]], axis=1)
+        hits.append((error <= 1.96 * std)[use if reliable_only else np.ones_like(use)])
+    every = np.concatenate(hits)
+    return float(every.mean()), len(every)
+
+
+@pytest.mark.parametrize("colour", [0.0, 0.95])
+def test_error_bars_cover_the_truth_with_dither(colour: float) -> None:
+    shares = [
+        coverage(fly(configuration("low", s), noise="low", seed=s, duration=12.0, colour=colour), reliable_only=False)[
+            0
+        ]
+        for s in range(6)
+    ]
+    assert 0.88 <= float(np.mean(shares)) <= 0.99
