@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from msls_ros.estimation.isolation import invert, suspects
+from msls_ros.estimation.isolation import Suspect, invert, suspects
 
 P = 9
-LIMITS = {"significance": 4.0, "explained": 0.7, "largest_error": 0.1}
+Case = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
 
 
-def case(seed: int, changes: dict[int, float], noise: float = 0.02) -> tuple[np.ndarray, ...]:
+def case(seed: int, changes: dict[int, float], noise: float = 0.02) -> Case:
     """Return covariance, estimates before and since, for columns changed to a share of what they were."""
     rng = np.random.default_rng(seed)
     root = rng.standard_normal((P, P)) * 0.3 + np.eye(P)
@@ -25,11 +25,17 @@ def case(seed: int, changes: dict[int, float], noise: float = 0.02) -> tuple[np.
     return 2.0 * before_covariance, before, np.sqrt(np.diagonal(before_covariance)), since
 
 
+def named(parts: Case) -> list[Suspect]:
+    covariance, before, std, since = parts
+    limits = {"significance": 4.0, "explained": 0.7, "largest_error": 0.1}
+    return suspects(covariance, before, std, since, range(P - 1), **limits)
+
+
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.5])
 def test_the_column_that_changed_is_named_with_what_is_left_of_it(share: float) -> None:
     right, deviations = 0, []
     for seed in range(40):
-        found = suspects(*case(seed, {3: share, P - 1: 0.2}), range(P - 1), **LIMITS)
+        found = named(case(seed, {3: share, P - 1: 0.2}))
         if found and found[0].column == 3:
             right += 1
             deviations.append((found[0].effectiveness - share) / found[0].effectiveness_std)
@@ -40,26 +46,26 @@ def test_the_column_that_changed_is_named_with_what_is_left_of_it(share: float) 
 def test_two_columns_that_change_together_are_both_found() -> None:
     right = 0
     for seed in range(40):
-        found = suspects(*case(seed, {2: 0.5, 5: 0.4}), range(P - 1), **LIMITS)
+        found = named(case(seed, {2: 0.5, 5: 0.4}))
         right += {s.column for s in found} == {2, 5}
     assert right >= 32
 
 
 def test_nothing_is_named_when_nothing_changed() -> None:
-    assert sum(bool(suspects(*case(seed, {}), range(P - 1), **LIMITS)) for seed in range(200)) <= 2
+    assert sum(bool(named(case(seed, {}))) for seed in range(200)) <= 2
 
 
 def test_a_column_without_a_known_effect_before_is_not_named() -> None:
     covariance, before, std, since = case(1, {})
     before[4], since[4] = 0.0, 5.0
-    assert all(s.column != 4 for s in suspects(covariance, before, std, since, range(P - 1), **LIMITS))
+    assert all(s.column != 4 for s in named((covariance, before, std, since)))
 
 
 def test_a_covariance_that_is_none_gives_no_suspect() -> None:
     covariance, before, std, since = case(1, {3: 0.0})
-    assert suspects(-covariance, before, std, since, range(P - 1), **LIMITS) == []
+    assert named((-covariance, before, std, since)) == []
     covariance[0, 0] = np.inf
-    assert suspects(covariance, before, std, since, range(P - 1), **LIMITS) == []
+    assert named((covariance, before, std, since)) == []
 
 
 def test_the_inverse_is_one() -> None:

@@ -151,7 +151,7 @@ def suspects(
         Largest standard error of the effectiveness [1].
     """
     p = len(before)
-    scale = np.sqrt(np.diagonal(covariance))
+    scale = np.sqrt(np.maximum(np.diagonal(covariance), 0.0))
     if not (np.isfinite(covariance).all() and (scale > 0.0).all()):
         return []
     W = np.zeros((p, p))
