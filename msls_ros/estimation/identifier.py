@@ -60,7 +60,7 @@ class Identifier:
         self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
         self._assembly = Assembly(c, self._regression)
         self._enabled = True
-        warn_if_interpreted(len(c.regressors), len(c.rows))
+        warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
     def reset(self) -> None:
