@@ -1,4 +1,4 @@
-"""`benchmark`: ours beside plain C and peers: time per update (kernel), ill-conditioned stream (stress), bags (replay)."""
+"""`benchmark`: beside plain C and peers: time per update (kernel), ill-conditioned stream (stress), a bag (replay)."""
 
 from __future__ import annotations
 
