@@ -147,7 +147,7 @@ class InputMap:
         return cls(topics, streams, plain["clock"], age, intervals, _position(plain["imu_position"]))
 
 
-PLAIN: Mapping[str, Any] = {"clock": "", "maximum_age": 0.1, "intervals": 10, "imu_position": (0.0, 0.0, 0.0)}
+PLAIN: Mapping[str, Any] = {"clock": "", "maximum_age": 0.1, "intervals": 4, "imu_position": (0.0, 0.0, 0.0)}
 """Entries that are no lines of words, with their defaults."""
 
 
