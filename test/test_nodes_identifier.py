@@ -13,6 +13,8 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.clock import Clock as SteadyClock
+from rclpy.clock import ClockType
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
@@ -25,11 +27,13 @@ X, XDOT, DELTA = linear_samples(400)
 
 
 class Feeder:
-    """Feeds an identifier with samples and keeps what it answers."""
+    """Feeds an identifier with samples and keeps what it answers; the age of the samples is set by hand."""
 
     def __init__(self, bench: Bench, **parameters: Any) -> None:
         self.bench = bench
         self.node = bench.add(IdentifierNode, **parameters)
+        self.clock = Clockwork()
+        self.node._age_clock = self.clock  # type: ignore[assignment]
         self.dither: list[DitherCommand] = bench.listen(DitherCommand, "dither")
         self.model: list[LinearModel] = bench.listen(LinearModel, "model")
         self.k = 0
@@ -201,8 +205,7 @@ def _same_bits(first: LinearModel, second: LinearModel) -> bool:
 
 def test_stale_input_inhibits_the_dither_once(bench: Bench) -> None:
     feeder = Feeder(bench)
-    clock = Clockwork()
-    feeder.node._age_clock = clock  # type: ignore[assignment]
+    clock = feeder.clock
     feeder.feed(40)
     assert feeder.dither[-1].level == DitherCommand.LEVEL_NOMINAL
     clock.nanoseconds += 101_000_000
@@ -221,6 +224,7 @@ def test_stale_input_inhibits_the_dither_once(bench: Bench) -> None:
 
 def test_stale_input_is_noticed_by_the_wall_clock(bench: Bench) -> None:
     feeder = Feeder(bench, dither__stale_after=0.03)
+    feeder.node._age_clock = SteadyClock(clock_type=ClockType.STEADY_TIME)
     feeder.feed(3)
     bench.spin_until(lambda: feeder.dither[-1].level == DitherCommand.LEVEL_INHIBITED, "the zero dither")
 
