@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from array import array
 from collections.abc import Callable
 
 import numpy as np
@@ -54,6 +55,23 @@ def test_numbers_that_are_not_finite_are_refused_by_name(field: str, bad: float)
     assert f"{field} of P" in text
     assert g.refused["not_finite"] == 1
     assert "delta of dr" in refused("not_finite", g.add_effectors, TICK, EFFECTORS, [0.0, bad])
+
+
+def test_huge_numbers_whose_sum_overflows_are_finite_still() -> None:
+    g = gate()
+    g.add_state(TICK, STATES, [1.7e308, 1.7e308], [-1.7e308, -1.7e308])
+    assert g.add_effectors(TICK, EFFECTORS, [1.7e308, 1.7e308]) is not None
+    assert "x of u is inf" in refused("not_finite", g.add_state, 2 * TICK, STATES, [math.inf, -math.inf], [0.0, 0.0])
+
+
+def test_a_sample_does_not_change_with_the_arrays_it_came_from() -> None:
+    g = gate()
+    x, xdot, delta = array("d", [1.0, 2.0]), array("d", [3.0, 4.0]), array("d", [5.0, 6.0])
+    g.add_state(TICK, STATES, x, xdot)
+    sample = g.add_effectors(TICK, EFFECTORS, delta)
+    x[0] = xdot[0] = delta[0] = 9.0
+    assert sample is not None
+    assert (sample.x.tolist(), sample.xdot.tolist(), sample.delta.tolist()) == ([1, 2], [3, 4], [5, 6])
 
 
 def test_wrong_lengths_unknown_and_repeated_names_are_refused() -> None:
