@@ -17,12 +17,13 @@ import numpy as np
 from msls_ros.bags import BagError, BagMessage, BagReader, SampleDecoder
 from msls_ros.estimation import PairedSample, Refused, Synchronizer
 from msls_ros.estimation.block_pairing import PairedBlock, Stream, pair_block
+from msls_ros.estimation.synchronizer import PENDING
 
 Batches = Iterator[list[BagMessage]]
 STATE, EFFECTORS = "msls_msgs/msg/StateSample", "msls_msgs/msg/EffectorSample"
 _LEAVES = {"state": STATE, "effectors": EFFECTORS}
 _LOOK = 1000
-"""Messages of one input, with none of the other between them, that show a bag of streams one after the other."""
+"""Messages of both inputs that show whether they were written side by side."""
 _SMALLEST, _LARGEST = 64, 1 << 16
 """Messages that are tried as one block."""
 
@@ -105,22 +106,22 @@ def read_inputs(bag: Path, reader: BagReader, topics: InputTopics) -> Batches:
     batches = reader.batches()
     wanted = (topics.state, topics.effectors)
     first: list[list[BagMessage]] = []
-    seen: dict[str, int] = dict.fromkeys(wanted, 0)
+    seen = excess = most = 0
     for batch in batches:
         first.append(batch)
         for message in batch:
-            if message.topic in seen:
-                seen[message.topic] += 1
-        if all(seen.values()) or max(seen.values()) > _LOOK:
+            if message.topic in wanted:
+                seen += 1
+                excess += 1 if message.topic == topics.state else -1
+                most = max(most, abs(excess))
+        if seen > _LOOK:
             break
     summary = reader.summary
-    both = summary is None or all(summary.counts.get(topic, 0) for topic in wanted)
-    if all(seen.values()) or not both:
+    if most <= PENDING or (summary is not None and not all(summary.counts.get(topic, 0) for topic in wanted)):
         yield from chain(first, batches)
         return
     readers = [BagReader(bag, [topic]) for topic in wanted]
-    merged = heapq.merge(*readers, key=lambda message: message.stamp_ns)
-    yield from _grouped(merged)
+    yield from _grouped(heapq.merge(*readers, key=lambda message: message.stamp_ns))
     for batch in chain(first, batches):
         others = [message for message in batch if message.topic not in wanted]
         if others:

@@ -46,10 +46,11 @@ def kept_parameters(bag: Path) -> Path:
     Raises
     ------
     BagError
-        If there is none.
+        If there is none, or no bag.
     """
     path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
     if not path.is_file():
+        BagReader(bag)
         message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
         raise BagError(message)
     return path
