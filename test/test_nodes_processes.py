@@ -15,6 +15,7 @@ import pytest
 from conftest import Bench
 from msls_msgs.msg import DitherCommand, LinearModel, StateSample
 
+from msls_ros.bags import BagError, BagWriter
 from msls_ros.commands.node_help import run_or_help
 from msls_ros.commands.offline import load
 from msls_ros.commands.profiles import config_folder
@@ -75,6 +76,28 @@ def test_wrong_usage_is_one_clear_line_and_exit_code_2(
     assert (code, out) == (2, "")
     assert len(err.splitlines()) == 1, err
     assert expected in err
+
+
+def test_a_disk_that_fills_is_one_line_and_exit_code_2(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def full(*_: Any) -> None:
+        message = "flight: No space left on device"
+        raise BagError(message)
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(recorder.RecorderNode, "_write", full)
+    monkeypatch.setattr(BagWriter, "flush", full)
+    monkeypatch.setattr(BagWriter, "close", full)
+    monkeypatch.setattr(BagWriter, "__init__", lambda *_, **__: None)
+    monkeypatch.setattr(BagWriter, "add_topic", lambda *_, **__: None)
+    interrupt = signal.getsignal(signal.SIGINT)
+    try:
+        code = run_or_help("recorder", *NODES["recorder"], ["--ros-args"])
+    finally:
+        signal.signal(signal.SIGINT, interrupt)
+    assert code == 2
+    assert capfd.readouterr().err == "msls_ros: flight: No space left on device\n"
 
 
 def test_wrong_usage_is_so_for_a_process_too() -> None:

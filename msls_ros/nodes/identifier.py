@@ -15,6 +15,7 @@ from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
+from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
 from msls_ros import messages
@@ -24,11 +25,13 @@ from msls_ros.estimation import (
     Estimate,
     EstimationError,
     Identifier,
+    InputAdapter,
     Level,
     PairedSample,
     Refused,
     Synchronizer,
 )
+from msls_ros.nodes.inputs import declare_inputs, subscribe
 from msls_ros.nodes.parameters import (
     NodeError,
     configuration_table,
@@ -55,6 +58,8 @@ WATCH_PERIOD = 0.02
 class IdentifierNode(LifecycleNode):
     """Identify the aircraft's linear model from `state` and `effectors`; publish `model`, `fault`, `dither`.
 
+    With parameters `inputs.*` it takes other topics of any type instead: config/inputs/odometry_jointstate.yaml tells how.
+
     Parameters
     ----------
     **options
@@ -71,6 +76,7 @@ class IdentifierNode(LifecycleNode):
         super().__init__(name, **options)
         declare_configuration(self)
         p = declare_table(self, NODE_PARAMETERS)
+        self._inputs = declare_inputs(self)
         warn_of_unknown(self)
         self._guard_transitions()
         self._every = p["publish_every"]
@@ -116,17 +122,14 @@ class IdentifierNode(LifecycleNode):
         """Build the identifier from the parameters, and the topics."""
         try:
             configuration = read_configuration(self)
-        except EstimationError as error:
+            self._build(configuration)
+            self._subscriptions_made = self._subscribe()
+        except (EstimationError, NodeError) as error:
             self.get_logger().error(str(error))
             return FAILURE
-        self._build(configuration)
         self._model_publisher = self.create_lifecycle_publisher(LinearModel, "model", OUTPUT)
         self._fault_publisher = self.create_lifecycle_publisher(FaultEvent, "fault", OUTPUT)
         self._dither_publisher = self.create_lifecycle_publisher(DitherCommand, "dither", OUTPUT)
-        self._subscriptions_made = [
-            self.create_subscription(StateSample, "state", self._on_state, INPUT),
-            self.create_subscription(EffectorSample, "effectors", self._on_effectors, INPUT),
-        ]
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
@@ -134,6 +137,14 @@ class IdentifierNode(LifecycleNode):
         self._watch = self.create_timer(WATCH_PERIOD, self._watch_inputs, clock=self._age_clock)
         self._diagnostics = Diagnostics(self, self._health, self._synchronizer.refused)
         return SUCCESS
+
+    def _subscribe(self) -> list[Subscription]:
+        if self._adapter is not None:
+            return subscribe(self, self._adapter.topics, self._on_foreign)
+        return [
+            self.create_subscription(StateSample, "state", self._on_state, INPUT),
+            self.create_subscription(EffectorSample, "effectors", self._on_effectors, INPUT),
+        ]
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to use what comes in."""
@@ -175,6 +186,14 @@ class IdentifierNode(LifecycleNode):
         self._identifier.reset()
         self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
         self._refusals = Refusals(self, self._synchronizer.refused)
+        self._adapter = self._inputs and InputAdapter(
+            self._inputs,
+            configuration.states,
+            configuration.effectors,
+            time_jump=configuration.time_jump,
+            refused=self._synchronizer.refused,
+            report=self._refusals.take,
+        )
         simulated = self.get_parameter("use_sim_time").value
         self._age_clock: Clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
 
@@ -185,6 +204,18 @@ class IdentifierNode(LifecycleNode):
     def _on_effectors(self, message: EffectorSample) -> None:
         stamp = messages.stamp_of(message)
         self._offer(lambda: self._synchronizer.add_effectors(stamp, message.effectors, message.delta))
+
+    def _on_foreign(self, topic: str, message: Any) -> None:
+        """Take a message of another type: the rows that it completes go the way of our own messages."""
+        if not self._active or self._adapter is None:
+            return
+        try:
+            rows = self._adapter.push(topic, self.get_clock().now().nanoseconds, message)
+        except EstimationError as error:
+            self._refusals.take(self._synchronizer.refuse("field", str(error)))
+            return
+        for row in rows:
+            self._offer(partial(row.offer, self._synchronizer))
 
     def _offer(self, add: Callable[[], PairedSample | None]) -> None:
         """Put a message through the gate; use the sample that it completes."""
@@ -240,6 +271,8 @@ class IdentifierNode(LifecycleNode):
         assert self._identifier is not None
         self._identifier.reset()
         self._synchronizer.clear()
+        if self._adapter is not None:
+            self._adapter.clear()
         response.success, response.message = True, "the estimate starts anew"
         return response
 

@@ -1,4 +1,4 @@
-"""Quality of service of the topics: reliable, with room for two seconds of samples."""
+"""Quality of service of the topics: our own are reliable, with room for two seconds of samples."""
 
 from __future__ import annotations
 
@@ -11,6 +11,14 @@ INPUT = QoSProfile(
     durability=QoSDurabilityPolicy.VOLATILE,
 )
 """Samples in: reliable, room for two seconds at 50 Hz."""
+
+FOREIGN_INPUT = QoSProfile(
+    history=QoSHistoryPolicy.KEEP_LAST,
+    depth=400,
+    reliability=QoSReliabilityPolicy.BEST_EFFORT,
+    durability=QoSDurabilityPolicy.VOLATILE,
+)
+"""Other stacks' messages: best effort, which publishers of either kind match; room for a second at 400 Hz."""
 
 OUTPUT = INPUT
 """Models, events and dither out: the same."""

@@ -79,5 +79,7 @@ class RecorderNode(Node):
 
     def destroy_node(self) -> None:
         """Close the bag, then the node."""
-        self._writer.close()
-        super().destroy_node()
+        try:
+            self._writer.close()
+        finally:
+            super().destroy_node()

@@ -49,20 +49,25 @@ def run_node(make: Callable[[], Node], arguments: Sequence[str] | None = None) -
     set_logger_level("rcl", level)
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
+    problems = []
     try:
         nodes.append(make())
         executor.add_node(nodes[0])
         _spin(executor, nodes[0])
     except BAD_INPUT as error:
-        print(f"msls_ros: {error}", file=sys.stderr)
-        return 2
+        problems.append(error)
     finally:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
         executor.shutdown()
-        for node in nodes:
-            node.destroy_node()
+        try:
+            for node in nodes:
+                node.destroy_node()
+        except BAD_INPUT as error:
+            problems.append(error)
         rclpy.try_shutdown()
-    return 0
+    for problem in problems[:1]:
+        print(f"msls_ros: {problem}", file=sys.stderr)
+    return 2 if problems else 0
 
 
 def _spin(executor: SingleThreadedExecutor, node: Node) -> None:
