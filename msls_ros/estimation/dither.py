@@ -65,8 +65,9 @@ REASONS = (
     "capped while B is not excited",
     "capped by dither.cap",
     "eq 23",
+    "the estimator is frozen",
 )
-DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23 = range(len(REASONS))
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN = range(len(REASONS))
 
 
 class DitherBlock(NamedTuple):
@@ -306,15 +307,18 @@ class DitherLaw:
 
     def commands(self, time: Array, effect: Array, excitation: Array, alarm: Integers, delta: Array) -> DitherBlock:
         """Return the dithers that answer n samples; see `inject` for the arguments."""
-        n, m = len(time), self._effectors
-        out = DitherBlock(
-            np.zeros((n, m)), np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, np.int64), np.zeros(n, np.int64)
-        )
-        noise = self._draw(n)
+        out = self.silence(len(time))
+        noise = self._draw(len(time))
         inject(
             self._law, time, effect, excitation, alarm, delta, noise, self._clock, self._sequence, self._surface, out
         )
         return out
+
+    def silence(self, count: int) -> DitherBlock:
+        """Return zero dithers for that many samples, for a frozen estimator; the sequences stand still."""
+        zero = np.zeros(count)
+        level, reason = np.zeros(count, np.int64), np.full(count, FROZEN)
+        return DitherBlock(np.zeros((count, self._effectors)), zero, zero.copy(), zero.copy(), level, reason)
 
     def _draw(self, count: int) -> Array:
         """Return (count, m) noise: uniform, zero mean, unit rms; the same stream however it is asked for."""

@@ -70,6 +70,46 @@ class Identifier:
         self._supervisor.reset()
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
+        self._error = self._statistic = np.zeros(len(self.configuration.rows))
+
+    @property
+    def enabled(self) -> bool:
+        """Whether samples are learnt from; while not, the model stays as it is and the dither is zero."""
+        return self._enabled
+
+    @enabled.setter
+    def enabled(self, on: bool) -> None:
+        self._enabled = bool(on)
+
+    def warm_start(self, a: Array, b: Array, bias: Array, covariance: Array) -> None:
+        """Start anew from a known model instead of from nothing.
+
+        Parameters
+        ----------
+        a, b, bias
+            (n, n), (n, m) and (n,): ``xdot = a x + b delta + bias``. What is known from physics is not read.
+        covariance
+            (p, p) covariance of the estimates over the residual variance, in the order of
+            ``configuration.regressors``; all rows share it.
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
+        """
+        n, m = len(self.configuration.states), len(self.configuration.effectors)
+        a, b, bias = (np.asarray(v, dtype=np.float64) for v in (a, b, bias))
+        if a.shape != (n, n) or b.shape != (n, m) or bias.shape != (n,):
+            message = (
+                f"a, b, bias of shapes {a.shape}, {b.shape}, {bias.shape}; expected ({n}, {n}), ({n}, {m}), ({n},)"
+            )
+            raise EstimationError(message)
+        kept = self._kept
+        theta = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
+        self._regression.warm_start(theta, np.array(covariance, dtype=np.float64))
+        self._law.reset()
+        self._supervisor.reset()
+        self._events = []
 
     def configure(self, changes: Mapping[str, Any]) -> None:
         """Change parameters in flight, by their full names; what has been learnt stays.
@@ -162,6 +202,10 @@ class Identifier:
     def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> DitherBlock:
         """Put checked samples through the compiled loop and the dither law; return the dithers that answer them."""
         count = len(time)
+        if not self._enabled:
+            block = self._law.silence(count)
+            self._dither = block.at(count - 1)
+            return block
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         out = make_output(count, len(self._kept))

@@ -91,6 +91,18 @@ def invert(matrix: Array, inverse: Array, work: Array) -> bool:
 
 
 @compiled
+def upper_factor(matrix: Array, R: Array) -> None:
+    """Upper triangular R with ``R'R`` the given symmetric positive definite matrix (Cholesky): (p, p) out."""
+    p = matrix.shape[0]
+    for i in range(p):
+        for j in range(i, p):
+            total = matrix[i, j]
+            for k in range(i):
+                total -= R[k, i] * R[k, j]
+            R[i, j] = math.sqrt(total) if i == j else total / R[i, i]
+
+
+@compiled
 def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: Array, work: Array) -> float:
     """Joint change of the chosen columns, the others unchanged; return how much of ``D' W D`` it explains, or -1.
 

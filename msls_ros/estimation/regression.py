@@ -10,6 +10,8 @@ from typing import Any
 
 import numpy as np
 
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.isolation import invert, upper_factor
 from msls_ros.estimation.kernel import Array, Integers, make_work
 from msls_ros.estimation.rows import advance
 from msls_ros.estimation.state import COLOURS, Output, Settings, clear, make_output, make_state
@@ -86,6 +88,41 @@ class Regression:
     def reset(self) -> None:
         """Forget everything."""
         clear(self.settings, self.state)
+
+    def warm_start(self, theta: Array, covariance: Array) -> None:
+        """Start anew from given estimates.
+
+        Parameters
+        ----------
+        theta
+            (r, p) estimates.
+        covariance
+            (p, p) their covariance over the residual variance, symmetric positive definite; all rows share it.
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
+        """
+        r, p = self.theta.shape
+        if theta.shape != (r, p) or covariance.shape != (p, p):
+            message = f"estimates {theta.shape} and covariance {covariance.shape}; expected ({r}, {p}) and ({p}, {p})"
+            raise EstimationError(message)
+        information, factor = np.zeros((p, p)), np.zeros((p, p))
+        finite = np.isfinite(theta).all() and np.isfinite(covariance).all()
+        if (
+            not finite
+            or not (covariance == covariance.T).all()
+            or not invert(covariance, information, np.zeros((2, p, p)))
+        ):
+            message = "estimates and covariance must be finite, and the covariance symmetric positive definite"
+            raise EstimationError(message)
+        upper_factor(information, factor)
+        self.reset()
+        self.state.theta[:] = theta
+        self.state.R[0] = covariance if self.settings.rls else factor
+        self.state.P[0] = covariance
+        self.state.age[0] = 4 * p
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
         """Take samples until one alarms or all are taken.
