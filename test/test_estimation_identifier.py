@@ -17,7 +17,7 @@ def configuration(**changes: object) -> Configuration:
     return from_mapping({"states": list(STATES), "effectors": list(EFFECTORS), "detector.mode": "off", **changes})
 
 
-def samples(n: int, seed: int = 0, noise: float = 0.01) -> tuple[np.ndarray, ...]:
+def samples(n: int, seed: int = 0, noise: float = 0.01) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(seed)
     x, delta = rng.standard_normal((n, 2)), 0.1 * rng.standard_normal((n, 2))
     return 0.02 * np.arange(n), x, x @ A.T + delta @ B.T + BIAS + noise * rng.standard_normal((n, 2)), delta

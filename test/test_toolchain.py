@@ -18,7 +18,8 @@ LOCKS = ["requirements.lock", "requirements-benchmark.lock"]
 ROOMS = {
     "estimation": {"numpy", "numba"},
     "plant": {"numpy", "jsbsim"},
-    "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},  # rosbags loses a killed bag; mcap and codecs do not
+    # rosbags loses the end of a killed bag; mcap, with its codecs, does not
+    "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},
     "report": {"numpy", "matplotlib"},
 }
 JOINING = {"nodes", "commands"}
