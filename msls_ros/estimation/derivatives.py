@@ -69,6 +69,9 @@ class DerivativeFilter:
         self._stamps: list[int] = []
         self.gaps = 0
         """Windows that a gap has emptied."""
+        for k in range(intervals + 1):  # compiles before the first sample comes
+            self.push(k, np.zeros(columns))
+        self.clear()
 
     def clear(self) -> None:
         """Empty the window; the count stays."""

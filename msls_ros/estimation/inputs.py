@@ -128,6 +128,7 @@ class InputAdapter:
         differentiated = lever or "differentiated" in self.methods.values()
         columns = 2 * len(self._states) + len(self._effectors) + 3
         self._filter = DerivativeFilter(inputs.intervals, columns, inputs.maximum_age) if differentiated else None
+        frames.to_body((0.0, 0.0, 0.0), frames.euler_angles((1.0, 0.0, 0.0, 0.0), "frd", "ned"))  # compiles now
         self._restart()
 
     @property

@@ -58,7 +58,7 @@ WATCH_PERIOD = 0.02
 class IdentifierNode(LifecycleNode):
     """Identify the aircraft's linear model from `state` and `effectors`; publish `model`, `fault`, `dither`.
 
-    With parameters `inputs.*` it takes other topics of any type instead: config/inputs/odometry_jointstate.yaml tells how.
+    With parameters `inputs.*` it takes topics of any type instead: config/inputs/odometry_jointstate.yaml tells how.
 
     Parameters
     ----------
@@ -186,7 +186,14 @@ class IdentifierNode(LifecycleNode):
         self._identifier.reset()
         self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
         self._refusals = Refusals(self, self._synchronizer.refused)
-        self._adapter = self._inputs and InputAdapter(
+        self._adapter = self._make_adapter(configuration)
+        simulated = self.get_parameter("use_sim_time").value
+        self._age_clock: Clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+
+    def _make_adapter(self, configuration: Configuration) -> InputAdapter | None:
+        if self._inputs is None:
+            return None
+        return InputAdapter(
             self._inputs,
             configuration.states,
             configuration.effectors,
@@ -194,8 +201,6 @@ class IdentifierNode(LifecycleNode):
             refused=self._synchronizer.refused,
             report=self._refusals.take,
         )
-        simulated = self.get_parameter("use_sim_time").value
-        self._age_clock: Clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
 
     def _on_state(self, message: StateSample) -> None:
         stamp = messages.stamp_of(message)
