@@ -1,0 +1,127 @@
+"""The report as one HTML file: nothing in it asks for anything outside of it."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from msls_ros.report.style import Drawn
+from msls_ros.report.viewer import SCRIPT, STYLE
+
+_POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
+"""The browser refuses whatever is not in the file."""
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of the page."""
+
+    anchor: str
+    title: str
+    body: str
+    """HTML."""
+
+
+@dataclass(frozen=True)
+class Head:
+    """What stands above the sections."""
+
+    name: str
+    about: str
+    summary: Sequence[str]
+    tiles: Sequence[tuple[str, str]]
+    """Number and what it is."""
+    notes: Sequence[str]
+    """Warnings, and what is missing."""
+
+
+def render(head: Head, sections: Sequence[Section]) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    head
+        What stands above.
+    sections
+        In their order.
+    """
+    contents = "".join(f'<li><a href="#{s.anchor}">{escape(s.title)}</a></li>' for s in sections)
+    notes = ""
+    if head.notes:
+        listed = "".join(f"<li>{escape(note)}</li>" for note in head.notes)
+        notes = f'<div class="note" role="note"><strong>Please note</strong><ul>{listed}</ul></div>'
+    tiles = "".join(f'<div class="tile"><b>{escape(n)}</b><span>{escape(t)}</span></div>' for n, t in head.tiles)
+    body = "".join(f'<section id="{s.anchor}"><h2>{escape(s.title)}</h2>{s.body}</section>\n' for s in sections)
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta http-equiv="Content-Security-Policy" content="{_POLICY}">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Flight report: {escape(head.name)}</title>
+<link rel="icon" href="data:,">
+<style>{STYLE}</style>
+</head>
+<body>
+<header>
+<h1><small>FLIGHT REPORT</small>{escape(head.name)}</h1>
+<p class="about">{escape(head.about)}</p>
+{notes}
+<div class="summary">{paragraphs(head.summary)}</div>
+<div class="tiles">{tiles}</div>
+</header>
+<nav aria-label="Contents"><ul>{contents}</ul></nav>
+<main>
+{body}</main>
+<footer>Click a figure to enlarge it: wheel or + and − zoom, dragging moves, 0 fits, Esc closes. Made by msls_ros; this
+file is complete in itself.</footer>
+<dialog aria-label="Figure, enlarged"><div>wheel zooms, drag moves <button type="button">Close</button></div>
+<img src="data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw==" alt=""></dialog>
+<script>{SCRIPT}</script>
+</body>
+</html>
+"""
+
+
+def figure(drawn: Drawn) -> str:
+    """Return a figure with its caption, the drawing inside."""
+    data = base64.b64encode(drawn.svg).decode("ascii")
+    title = escape(drawn.title)
+    return (
+        f'<figure id="figure-{drawn.name}"><button type="button" aria-label="Enlarge: {title}">'
+        f'<img width="{drawn.width}" height="{drawn.height}" alt="{title}" src="data:image/svg+xml;base64,{data}">'
+        f"</button><figcaption><strong>{title}.</strong> {escape(drawn.caption)}</figcaption></figure>\n"
+    )
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> str:
+    """Return a table.
+
+    Parameters
+    ----------
+    columns
+        Heads.
+    rows
+        Texts.
+    numbers
+        Columns to align to the right.
+    """
+
+    def cell(kind: str, i: int, text: str) -> str:
+        return f"<{kind}{' class=n' if i in numbers else ''}>{escape(text)}</{kind}>"
+
+    head = "".join(cell("th", i, text) for i, text in enumerate(columns))
+    body = "".join("<tr>" + "".join(cell("td", i, text) for i, text in enumerate(row)) + "</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>'
+
+
+def paragraphs(sentences: Iterable[str]) -> str:
+    """Return sentences as paragraphs."""
+    return "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+
+
+def folded(summary: str, body: str) -> str:
+    """Return a part that opens on a click."""
+    return f"<details><summary>{escape(summary)}</summary>{body}</details>"

@@ -1,0 +1,173 @@
+"""What a flight shows, in sentences; and what the truth did, as far as the bag holds it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from msls_ros.report.parameters import Quality
+from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange
+from msls_ros.report.style import derivative
+
+ALARM_WINDOW = 1.0
+"""An alarm within this time after a true change is its detection; any other is false [s]."""
+_JUMP = 0.2
+"""A change of an entry of the true B by this share of the largest of its row, between two models, is abrupt."""
+_CLOSE = 0.3
+"""Two models further apart than this tell nothing of abruptness [s]."""
+_CLEARER = 1.2
+"""So much more a moment counts than a force where both tell of one change."""
+_MATTERS = 0.25
+"""Effects of at least this share of the largest of their row are named."""
+
+
+def find_changes(truth: Truth, models: Models) -> list[TruthChange]:
+    """Return the abrupt changes of the plant's own B.
+
+    Parameters
+    ----------
+    truth
+        Of the plant.
+    models
+        For the names, and for which equations are identified.
+    """
+    rows = models.identified
+    if len(truth.time) < 2 or not rows:
+        return []
+    b = truth.b[:, rows]
+    scale = np.abs(b).max(axis=(0, 2))[:, None]
+    scale[scale == 0.0] = 1.0
+    found = []
+    for k, (begin, end) in enumerate(pairwise(truth.time)):
+        jump = np.abs(b[k + 1] - b[k]) / scale
+        if end - begin > _CLOSE or jump.max() < _JUMP:
+            continue
+        clear = np.array([_CLEARER if models.states[i] in ("P", "Q", "R") else 1.0 for i in rows])
+        effects = []
+        for j, effector in enumerate(models.effectors):
+            matters = np.abs(b[k][:, j]) >= _MATTERS * scale[:, 0]
+            change = np.where(matters, jump[:, j], 0.0)
+            i = int((change * clear).argmax())
+            if change[i] >= _JUMP:
+                effects.append((effector, models.states[rows[i]], float(b[k + 1][i, j] / b[k][i, j])))
+        if effects:
+            found.append(TruthChange(float(begin), tuple(effects)))
+    return found
+
+
+def false_alarms(flight: Recorded, changes: Sequence[TruthChange]) -> list[Event]:
+    """Return the alarms that no true change explains."""
+    return [alarm for alarm in flight.alarms if not any(c.time < alarm.time <= c.time + ALARM_WINDOW for c in changes)]
+
+
+def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
+    """Return what happened, a few sentences.
+
+    Parameters
+    ----------
+    flight
+        All that was recorded.
+    changes
+        Of the truth; empty where the bag holds none.
+    """
+    sentences = [_size(flight)]
+    for change in changes:
+        sentences.append(_told(flight, change))
+    if flight.truth is not None:
+        false = false_alarms(flight, changes)
+        if not changes:
+            sentences.append("Nothing changed abruptly in the plant's own model.")
+        sentences.append(
+            f"False alarms: {len(false)} ({_listed(f'{e.time:.2f} s' for e in false)})." if false else "No false alarm."
+        )
+    elif flight.alarms:
+        sentences += [_alarm(flight, alarm) for alarm in flight.alarms[:5]]
+        if len(flight.alarms) > 5:
+            sentences.append(f"{len(flight.alarms) - 5} more alarms followed.")
+    elif flight.models is not None:
+        sentences.append("No abrupt change was declared.")
+    sentences += _dither(flight)
+    return sentences
+
+
+def _size(flight: Recorded) -> str:
+    begin, end = flight.span
+    samples = "" if flight.samples is None else f", {flight.samples:,} samples"
+    reliable = ""
+    if flight.models is not None and flight.models.identified:
+        rows = flight.models.identified
+        flags = np.concatenate([flight.models.a_reliable[:, rows], flight.models.b_reliable[:, rows]], axis=2)
+        known = flight.models.a_known[rows]
+        free = flags.shape[1] * flags.shape[2] - int(known.sum())
+        end_count = int(flags[-1].sum()) - int(known.sum())
+        reliable = f" At the end {end_count} of {free} identified numbers are reliable."
+    return f"{end - begin:.1f} s of flight{samples}.{reliable}"
+
+
+def _told(flight: Recorded, change: TruthChange) -> str:
+    """Tell one true change and what was made of it."""
+    what = _listed(
+        f"of {effector} on {derivative(row)} to {ratio:.2f} of what it was" for effector, row, ratio in change.effects
+    )
+    begin = f"After {change.time:.2f} s the plant itself changed abruptly, the effect {what}"
+    first = next((e for e in flight.alarms if change.time < e.time <= change.time + ALARM_WINDOW), None)
+    if first is None:
+        return f"{begin}: not detected within {ALARM_WINDOW:g} s."
+    found = f"detected {first.time - change.time:.2f} s later in {_equations(first.equations)}"
+    return f"{begin}: {'; '.join([found, *_followed(flight, first, change.time)])}."
+
+
+def _alarm(flight: Recorded, alarm: Event) -> str:
+    parts = [f"Alarm at {alarm.time:.2f} s in {_equations(alarm.equations)}", *_followed(flight, alarm, alarm.time)]
+    return "; ".join(parts) + "."
+
+
+def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
+    """Tell what came after an alarm, up to its recovery or the next alarm."""
+    parts = []
+    later = [event for event in flight.events if event.time >= alarm.time and event is not alarm]
+    for event in later:
+        if event.kind == "detected" and event.time > alarm.time:
+            break
+        if event.kind == "isolated":
+            parts.append(
+                f"isolated after {event.time - since:.2f} s: {event.effector} has {event.effectiveness:.2f} ± "
+                f"{event.effectiveness_std:.2f} of its effect on {_equations(event.equations)}"
+            )
+        elif event.kind == "recovered":
+            parts.append(f"estimate back at normal settings after {event.time - since:.2f} s")
+            break
+    return parts
+
+
+def _dither(flight: Recorded) -> list[str]:
+    dither = flight.dither
+    if dither is None or not len(dither.time):
+        return []
+    if not np.any(dither.delta):
+        return ["No dither was asked for."]
+    over = int(np.count_nonzero(dither.predicted > dither.limit * (1.0 + 1e-9)))
+    kept = "within its limit at every sample" if over == 0 else f"OVER its limit at {over} samples"
+    most = float(np.nanmax(dither.predicted))
+    return [f"Dither: at most {most:.3f} g rms predicted at the pilot, {kept}."]
+
+
+def percent(value: float | None) -> str:
+    """Return a share for a table."""
+    return "—" if value is None else f"{100.0 * value:.0f} %" if value >= 0.1 else f"{100.0 * value:.1f} %"
+
+
+def quality_cells(found: Quality) -> list[str]:
+    """Return the cells of a parameter's row in the table."""
+    return [percent(found.rms), percent(found.covered), percent(found.reliable), percent(found.covered_reliable)]
+
+
+def _equations(names: Sequence[str]) -> str:
+    return _listed(derivative(name) for name in names)
+
+
+def _listed(parts: Iterable[str]) -> str:
+    items = list(parts)
+    return ", ".join(items[:-1]) + " and " + items[-1] if len(items) > 1 else "".join(items)
