@@ -243,6 +243,26 @@ def test_numbers_that_are_none_and_stamps_that_do_not_rise_are_refused_and_count
     assert [r.stamp // STEP for k in (6, 7) for m in sample(k) for r in made.push(*m)] == [6, 6, 7, 7]
 
 
+def test_stamps_may_be_whole_or_broken_numbers_or_seconds_and_nanoseconds_but_nothing_else() -> None:
+    made = adapter({"topics": {"a": "/a p/msg/A stamp=t unit=us", "b": "/b p/msg/B stamp=t unit=ns"}, "clock": "b"})
+    topic = made.inputs.topics["a"]
+    for stamp in (2, 2.0, np.uint64(2), np.float32(2.0), Message(sec=0, nanosec=2000)):
+        assert topic.instant(0, Message(t=stamp)) == 2000
+    for stamp in (math.nan, math.inf):
+        with pytest.raises(Refused, match="expected a stamp"):
+            topic.instant(0, Message(t=stamp))
+    for nothing in ("now", None, Message(x=1)):
+        with pytest.raises(EstimationError, match=r"'t' leads to .* in p/msg/A; expected a stamp"):
+            topic.instant(0, Message(t=nothing))
+
+
+def test_one_stamp_out_of_the_future_costs_the_window_and_no_more() -> None:
+    made = adapter({"derivatives": {}})
+    sent = [m for k in range(50) for m in ([sample(1e6)[0]] if k == 20 else sample(k))]
+    stamps = {row.stamp // STEP for m in sent for row in made.push(*m)}
+    assert stamps >= {*range(2, 17), *range(23, 47)} and made.restarts == 1
+
+
 def test_a_quaternion_that_is_no_rotation_is_refused() -> None:
     changes = {"states": {}, "derivatives": {"Theta": "a rate"}, "attitude": "a q"}
     made = adapter(changes, states=("Theta",))

@@ -12,6 +12,7 @@ stamp less its delay. See `field_paths` for PATH, and the shipped profiles for e
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,6 +22,7 @@ from msls_ros.estimation.alignment import Track, Values
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.field_paths import FieldPath, VectorPath, listed
 from msls_ros.estimation.frames import BODY, EARTH
+from msls_ros.estimation.synchronizer import Refused
 
 VECTORS: Mapping[str, tuple[str, ...]] = {
     "velocity": ("u", "v", "w"),
@@ -52,21 +54,24 @@ class TopicInput:
 
         Raises
         ------
-        EstimationError
-            If there is no stamp where it should be.
+        EstimationError, Refused
+            If there is no stamp where it should be; if it is no number.
         """
         if self.stamp is None:
             return arrival
         found = self.stamp.read(message)
         if hasattr(found, "nanosec"):
             return int(found.sec) * 1_000_000_000 + int(found.nanosec)
-        if isinstance(found, float):
-            return round(found * self.unit)
         try:
-            return int(found) * self.unit
-        except (TypeError, ValueError):
-            text = f"the path '{self.stamp.text}' leads to {type(found).__name__} in {self.msgtype}; expected a stamp"
-            raise EstimationError(text) from None
+            return operator.index(found) * self.unit
+        except TypeError:
+            pass
+        try:
+            return round(float(found) * self.unit)
+        except (TypeError, ValueError, OverflowError):
+            what = repr(found) if isinstance(found, (int, float)) else type(found).__name__
+            text = f"the path '{self.stamp.text}' leads to {what} in {self.msgtype}; expected a stamp"
+            raise (Refused("not_finite", text) if isinstance(found, float) else EstimationError(text)) from None
 
 
 @dataclass(frozen=True)
