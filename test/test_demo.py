@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from msls_msgs.msg import EffectorCommand
 from msls_ros.commands import demo, offline
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, FlightRecord, fly
+from msls_ros.commands.progress import Progress
 from msls_ros.commands.scenarios import SCENARIOS
 
 SEEDS = {"none": (0, 1), "low": (0, 1, 2)}
@@ -252,3 +254,23 @@ def test_a_flight_among_strangers_is_refused(bench: Bench, tmp_path: Path, monke
     scenario = SCENARIOS["roll_doublet"]
     with pytest.raises(FlightError, match="somebody else publishes /command"):
         fly(scenario, scenario.configuration("low", 0, True), tmp_path / "bag", noise="low", seed=0)
+
+
+@pytest.mark.parametrize("becomes", [KeyboardInterrupt, SystemError])
+def test_an_interrupted_demo_says_so_and_leaves_a_bag(
+    becomes: type[BaseException], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def show(_: Progress, done: float) -> None:
+        if done > 0.5:
+            try:
+                signal.raise_signal(signal.SIGINT)
+            except KeyboardInterrupt:
+                raise becomes from None
+
+    monkeypatch.setattr(Progress, "show", show)
+    handler = signal.getsignal(signal.SIGINT)
+    code, out, err = run(["--out", str(tmp_path / "out")], capfd)
+    assert (code, out) == (130, "")
+    assert err.splitlines()[-1] == f"demo: interrupted; what was flown so far is in '{tmp_path / 'out' / 'bag'}'"
+    assert len(offline.load(tmp_path / "out" / "bag").topic("state")) > 20
+    assert signal.getsignal(signal.SIGINT) == handler

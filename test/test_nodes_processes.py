@@ -13,11 +13,10 @@ from typing import Any
 
 import pytest
 from conftest import Bench
-from msls_msgs.msg import DitherCommand, LinearModel, StateSample
+from msls_msgs.msg import DitherCommand, LinearModel
 
 from msls_ros.bags import BagError, BagWriter
 from msls_ros.commands.node_help import run_or_help
-from msls_ros.commands.offline import load
 from msls_ros.commands.profiles import config_folder
 from msls_ros.nodes import identifier, pilot, plant, recorder
 
@@ -165,17 +164,3 @@ def test_told_to_stop_in_flight_they_end_with_0_and_without_a_traceback(
         assert process.returncode == 0, (name, err)
         assert "Traceback" not in err, (name, err)
         assert "terminate called" not in err, (name, err)
-
-
-def test_an_interrupted_demo_says_so_and_leaves_a_bag(bench: Bench, tmp_path: Path) -> None:
-    state: list[StateSample] = []
-    bench.probe.create_subscription(StateSample, "state", state.append, 100)
-    process = launch("demo", "--out", "out", domain=bench.domain, folder=tmp_path)
-    bench.spin_until(lambda: len(state) >= 10 or ended(process), "samples of the demo's flight")
-    assert process.poll() is None, process.communicate()
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=LIMIT)
-    assert (process.returncode, out) == (130, "")
-    assert "Traceback" not in err
-    assert err.splitlines()[-1] == "demo: interrupted; what was flown so far is in 'out/bag'"
-    assert load(tmp_path / "out" / "bag").topic("state")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -64,15 +65,26 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     scenario = SCENARIOS[arguments.scenario]
     out = arguments.out or Path("out") / scenario.name
+    interrupted: list[int] = []
+
+    def interrupt(number: int, _: object) -> None:
+        interrupted.append(number)
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupt)
     try:
         _prepare(out)
         summary = run(scenario, out, noise=arguments.noise, seed=arguments.seed, dither=not arguments.no_dither)
-    except (*BAD_INPUT, FlightError, OSError) as error:
+    except (Exception, KeyboardInterrupt) as error:
+        if interrupted:  # compiled code swallows an interrupt and fails in ways of its own
+            print(f"\ndemo: interrupted; what was flown so far is in '{out / 'bag'}'", file=sys.stderr)
+            return 130
+        if not isinstance(error, (*BAD_INPUT, FlightError, OSError)):
+            raise
         print(f"demo: {error}", file=sys.stderr)
         return 2
-    except KeyboardInterrupt:
-        print(f"\ndemo: interrupted; what was flown so far is in '{out / 'bag'}'", file=sys.stderr)
-        return 130
+    finally:
+        signal.signal(signal.SIGINT, before)
     print(json.dumps(summary, indent=2) if arguments.json else describe(scenario, summary))
     return 0
 
