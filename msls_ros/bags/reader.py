@@ -56,7 +56,8 @@ class BagReader:
     ) -> None:
         self.path = Path(path)
         self._wanted = None if topics is None else frozenset(topics)
-        self._decoders = TypeDecoders(definition_paths)
+        self._definition_paths = tuple(definition_paths)
+        self._decoders = TypeDecoders(self._definition_paths)
         self._bag = bag_files(self.path)
         self._files: list[Path] = []
         self._topics: dict[str, Topic] = {}
@@ -121,6 +122,21 @@ class BagReader:
         self._progress = 1.0
         for name in sorted((self._wanted or frozenset()) - self._topics.keys()):
             self.warnings.append(f"{self.path}: no topic {name}; it has {', '.join(sorted(self._topics)) or 'none'}")
+
+    def only(self, topics: Iterable[str]) -> BagReader:
+        """Give a reader of the same bag for some topics.
+
+        Parameters
+        ----------
+        topics : iterable of str
+            Their names.
+
+        Returns
+        -------
+        BagReader
+            On its own.
+        """
+        return BagReader(self.path, topics, definition_paths=self._definition_paths)
 
     def decode(self, message: BagMessage) -> Any:
         """Deserialise a message.

@@ -1,25 +1,28 @@
-"""From a bag's messages to samples: finds the two topics, decodes them by the block, puts them through the gate.
+"""From a bag's messages to samples: finds the topics, decodes them, puts them through the gate.
 
 The gate is the node's own `Synchronizer`, and takes every message in the order of the bag. A bag whose streams were
-written one after the other is read twice at the same time and merged by log time, as a player would give it.
+written one after the other is read once for each and merged by log time, as a player would give it.
 """
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
 from msls_ros.bags import BagError, BagMessage, BagReader, SampleDecoder
-from msls_ros.estimation import PairedSample, Refused, Synchronizer
+from msls_ros.estimation import InputAdapter, PairedSample, Refused, Synchronizer
 from msls_ros.estimation.block_pairing import PairedBlock, Stream, pair_block
 from msls_ros.estimation.synchronizer import PENDING
 
 Batches = Iterator[list[BagMessage]]
+Offer = Callable[[], PairedSample | None]
 STATE, EFFECTORS = "msls_msgs/msg/StateSample", "msls_msgs/msg/EffectorSample"
 _LEAVES = {"state": STATE, "effectors": EFFECTORS}
 _LOOK = 1000
@@ -91,36 +94,36 @@ def find_topics(bag: Path, topics: dict[str, str], namespace: str | None) -> Inp
     raise BagError(message)
 
 
-def read_inputs(bag: Path, reader: BagReader, topics: InputTopics) -> Batches:
-    """Yield the bag's messages in the order in which the gate is to see them, some at a time.
+def ordered_batches(reader: BagReader, wanted: Sequence[str], longest_run: int) -> Batches:
+    """Yield a bag's messages in the order in which the gate is to see them, some at a time.
 
     Parameters
     ----------
-    bag
-        The same as the reader's.
     reader
         Of all topics that are to be seen.
-    topics
-        The inputs.
+    wanted
+        The inputs among them.
+    longest_run
+        More messages of one input in a row are the sign of a bag whose streams were written one after the other.
     """
     batches = reader.batches()
-    wanted = (topics.state, topics.effectors)
     first: list[list[BagMessage]] = []
-    seen = excess = most = 0
+    seen = run = most = 0
+    last = ""
     for batch in batches:
         first.append(batch)
         for message in batch:
             if message.topic in wanted:
                 seen += 1
-                excess += 1 if message.topic == topics.state else -1
-                most = max(most, abs(excess))
+                run = run + 1 if message.topic == last else 1
+                most, last = max(most, run), message.topic
         if seen > _LOOK:
             break
     summary = reader.summary
-    if most <= PENDING or (summary is not None and not all(summary.counts.get(topic, 0) for topic in wanted)):
+    if most <= longest_run or (summary is not None and not all(summary.counts.get(topic, 0) for topic in wanted)):
         yield from chain(first, batches)
         return
-    readers = [BagReader(bag, [topic]) for topic in wanted]
+    readers = [reader.only([topic]) for topic in wanted]
     yield from _grouped(heapq.merge(*readers, key=lambda message: message.stamp_ns))
     for batch in chain(first, batches):
         others = [message for message in batch if message.topic not in wanted]
@@ -139,8 +142,30 @@ def _grouped(messages: Iterable[BagMessage]) -> Batches:
         yield batch
 
 
+class Source(Protocol):
+    """Puts the messages of a bag through the gate and collects what comes out."""
+
+    @property
+    def topics(self) -> Sequence[str]:
+        """The inputs."""
+        ...
+
+    @property
+    def longest_run(self) -> int:
+        """Messages of one input in a row that are still to be expected."""
+        ...
+
+    def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        """Yield the samples that a batch completes, but for some that may wait for the next batch."""
+        ...
+
+    def rest(self) -> Iterator[PairedBlock]:
+        """Yield the samples of the messages that still wait, at the end of the bag."""
+        ...
+
+
 class SampleSource:
-    """Puts messages through the gate and collects what comes out.
+    """The source of a bag with our own messages.
 
     Where the streams are regular, blocks of them pass at once; `pair_block` sees to it that this is all the same.
 
@@ -152,16 +177,20 @@ class SampleSource:
         Where they are paired and refused.
     """
 
+    longest_run = PENDING
+
     def __init__(self, topics: InputTopics, gate: Synchronizer) -> None:
         """Begin; see the class."""
-        self._topics, self._gate = topics, gate
+        self.topics = (topics.state, topics.effectors)
+        self._state_topic = topics.state
+        self._gate = gate
         self._state, self._effectors = SampleDecoder(STATE), SampleDecoder(EFFECTORS)
         self._waiting: list[BagMessage] = []
         self._size = _LARGEST
 
     def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
         """Yield the samples that a batch completes, but for some that wait for the next batch."""
-        wanted = (self._topics.state, self._topics.effectors)
+        wanted = self.topics
         messages = self._waiting + [message for message in batch if message.topic in wanted]
         alone = _SMALLEST
         while len(messages) >= _SMALLEST:
@@ -188,7 +217,7 @@ class SampleSource:
 
     def _block(self, messages: list[BagMessage]) -> tuple[PairedBlock | None, list[BagMessage]]:
         """Return as many samples as the messages hold of both streams, and the messages left over."""
-        state = self._topics.state
+        state = self._state_topic
         is_state = np.array([message.topic == state for message in messages])
         count = min(int(is_state.sum()), len(messages) - int(is_state.sum()))
         if count == 0:
@@ -207,24 +236,10 @@ class SampleSource:
         return block, parts[0][count:] + parts[1][count:]
 
     def _one_by_one(self, messages: Sequence[BagMessage]) -> Iterator[PairedBlock]:
-        """Yield what the gate makes of the messages; one block between two jumps of time."""
-        samples: list[PairedSample] = []
-        for message in messages:
-            try:
-                sample = self._offer(message)
-            except Refused:
-                continue
-            if sample is None:
-                continue
-            if sample.restarted and samples:
-                yield _collected(samples)
-                samples = []
-            samples.append(sample)
-        if samples:
-            yield _collected(samples)
+        return _collected(partial(self._offer, message) for message in messages)
 
     def _offer(self, message: BagMessage) -> PairedSample | None:
-        is_state = message.topic == self._topics.state
+        is_state = message.topic == self._state_topic
         try:
             sample = (self._state if is_state else self._effectors).decode(message.data)
         except BagError as error:
@@ -236,7 +251,80 @@ class SampleSource:
         return self._gate.add_state(sample.stamp_ns, sample.names, values, rates)
 
 
-def _collected(samples: list[PairedSample]) -> PairedBlock:
+class MappedSource:
+    """The source of a bag with messages of any type.
+
+    Parameters
+    ----------
+    reader
+        Decodes them.
+    adapter
+        Makes samples of them.
+    gate
+        Where they are paired and refused.
+
+    Raises
+    ------
+    BagError
+        If a type has no definition.
+    EstimationError
+        If a topic is missing or of another type.
+    """
+
+    longest_run = _LOOK // 2
+
+    def __init__(self, reader: BagReader, adapter: InputAdapter, gate: Synchronizer) -> None:
+        """Check topics and types; see the class."""
+        self._reader, self._adapter, self._gate = reader, adapter, gate
+        self.topics = tuple(adapter.topics)
+        adapter.check(reader.topics)
+        for topic in self.topics:
+            try:
+                reader.definition(topic)
+            except BagError as error:
+                message = f"{error} (--definitions)"
+                raise BagError(message) from error
+
+    def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        """Yield the samples that a batch completes."""
+        return _collected(self._offers(batch))
+
+    def rest(self) -> Iterator[PairedBlock]:
+        """Yield nothing: no message waits here."""
+        return iter(())
+
+    def _offers(self, batch: Sequence[BagMessage]) -> Iterator[Offer]:
+        for message in batch:
+            if message.topic not in self.topics:
+                continue
+            try:
+                decoded = self._reader.decode(message)
+            except BagError as error:
+                self._gate.refuse("malformed", str(error))
+                continue
+            for row in self._adapter.push(message.topic, message.stamp_ns, decoded):
+                yield partial(row.offer, self._gate)
+
+
+def _collected(offers: Iterable[Offer]) -> Iterator[PairedBlock]:
+    """Yield what the gate lets pass; one block between two jumps of time."""
+    samples: list[PairedSample] = []
+    for offer in offers:
+        try:
+            sample = offer()
+        except Refused:
+            continue
+        if sample is None:
+            continue
+        if sample.restarted and samples:
+            yield _block_of(samples)
+            samples = []
+        samples.append(sample)
+    if samples:
+        yield _block_of(samples)
+
+
+def _block_of(samples: list[PairedSample]) -> PairedBlock:
     return PairedBlock(
         samples[0].restarted,
         np.array([s.stamp for s in samples], dtype=np.int64),

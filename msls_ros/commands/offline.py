@@ -16,14 +16,17 @@ from numpy.typing import NDArray
 
 from msls_ros import bags
 from msls_ros.bags import BagError, BagMessage, BagReader, BagWriter
-from msls_ros.commands.inputs import InputTopics, SampleSource, find_topics, read_inputs
+from msls_ros.commands.inputs import MappedSource, SampleSource, Source, find_topics, ordered_batches
 from msls_ros.commands.outputs import OUTPUTS, IdentifierOutput
 from msls_ros.commands.profiles import render_profile
 from msls_ros.estimation import (
     Configuration,
     Estimate,
+    EstimationError,
     FaultEvent,
     Identifier,
+    InputAdapter,
+    InputMap,
     PairedSample,
     Refused,
     Synchronizer,
@@ -34,9 +37,12 @@ PARAMETERS = "identifier.yaml"
 """The identifier's parameters, kept in the bag's folder."""
 
 
-def keep_parameters(bag: Path, configuration: Configuration) -> None:
-    """Write the parameters of the identifier into a bag's folder, for `replay`."""
-    text = render_profile(configuration, "The identifier's parameters in this flight.")
+def keep_parameters(bag: Path, configuration: Configuration, file: Path | None = None) -> None:
+    """Write the parameters of the identifier into a bag's folder, for `replay`; those of a file as it is."""
+    if file is None:
+        text = render_profile(configuration, "The identifier's parameters in this flight.")
+    else:
+        text = file.read_text(encoding="utf-8")
     (bag / PARAMETERS).write_text(text, encoding="utf-8")
 
 
@@ -89,6 +95,10 @@ class ReplayOptions:
     """Folders of message definitions that the bag does not hold."""
     overwrite: bool = False
     """Replace a bag in the place of the output."""
+    inputs: InputMap | None = None
+    """Where messages of other types have states and deflections; None: `msls_msgs` on the identifier's topics."""
+    parameters: Path | None = None
+    """Where configuration and inputs come from, to be kept with the output; None: the configuration is written."""
 
 
 def replay(
@@ -115,19 +125,17 @@ def replay(
     ------
     BagError
         If the bag cannot be used at all, or the new one not be written.
+    EstimationError
+        If the inputs do not give the states and deflections of the configuration.
     """
-    looked = BagReader(bag, definition_paths=options.definitions)
-    topics = find_topics(bag, looked.topics, options.namespace)
-    wanted = None if options.merge else [topics.state, topics.effectors]
-    reader = BagReader(bag, wanted, definition_paths=options.definitions) if wanted else looked
     gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
-    source = SampleSource(topics, gate)
+    reader, source, prefix = _open(bag, configuration, options, gate)
     with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
-        keep_parameters(out, configuration)
-        output = IdentifierOutput(writer, topics, configuration, options.every)
+        keep_parameters(out, configuration, options.parameters)
+        output = IdentifierOutput(writer, prefix, configuration, options.every)
         start = time.perf_counter()
-        beside = _Beside(reader, writer, topics) if options.merge else None
-        for batch in read_inputs(bag, reader, topics):
+        beside = _Beside(reader, writer, prefix) if options.merge else None
+        for batch in ordered_batches(reader, source.topics, source.longest_run):
             if beside is not None:
                 beside.take(batch)
             for segment in source.segments(batch):
@@ -139,7 +147,7 @@ def replay(
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples:
-        warnings.append(f"{bag}: not one sample; {topics.state} and {topics.effectors} have no stamp in common")
+        warnings.append(f"{bag}: not one sample; {' and '.join(source.topics)} have no stamp in common that is usable")
     wall_time = time.perf_counter() - start
     return Replay(
         output.samples,
@@ -153,12 +161,40 @@ def replay(
     )
 
 
+def _open(
+    bag: Path, configuration: Configuration, options: ReplayOptions, gate: Synchronizer
+) -> tuple[BagReader, Source, str]:
+    """Return the bag's reader, the source of samples in it, and the prefix of the topics."""
+    looked = BagReader(bag, definition_paths=options.definitions)
+    if options.inputs is None:
+        topics = find_topics(bag, looked.topics, options.namespace)
+        source: Source = SampleSource(topics, gate)
+        prefix = topics.prefix
+    else:
+        adapter = InputAdapter(
+            options.inputs,
+            configuration.states,
+            configuration.effectors,
+            time_jump=configuration.time_jump,
+            refused=gate.refused,
+        )
+        try:
+            source = MappedSource(looked, adapter, gate)
+        except EstimationError as error:
+            message = f"{bag}: {error}"
+            raise BagError(message) from error
+        prefix = "/"
+    if options.merge:
+        return looked, source, prefix
+    return looked.only(source.topics), source, prefix
+
+
 class _Beside:
     """Copies the input into the output bag, but the topics that the output replaces."""
 
-    def __init__(self, reader: BagReader, writer: BagWriter, topics: InputTopics) -> None:
+    def __init__(self, reader: BagReader, writer: BagWriter, prefix: str) -> None:
         self._reader, self._writer = reader, writer
-        self._known: dict[str, bool] = {topics.name(leaf): False for leaf in OUTPUTS}
+        self._known: dict[str, bool] = {prefix + leaf: False for leaf in OUTPUTS}
         self.warnings: list[str] = []
 
     def take(self, batch: Sequence[BagMessage]) -> None:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from msls_ros import records
 from msls_ros.bags import BagWriter, MessageTemplate
-from msls_ros.commands.inputs import InputTopics
 from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
 from msls_ros.estimation.block_pairing import PairedBlock
 
@@ -27,15 +26,15 @@ class IdentifierOutput:
     ----------
     writer
         The bag.
-    topics
-        The inputs; the outputs get their namespace.
+    prefix
+        What stands before the names of the topics, as before those of the inputs.
     configuration
         Of the identifier.
     every
         Samples per model.
     """
 
-    def __init__(self, writer: BagWriter, topics: InputTopics, configuration: Configuration, every: int) -> None:
+    def __init__(self, writer: BagWriter, prefix: str, configuration: Configuration, every: int) -> None:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
         self._identifier = Identifier(configuration)
@@ -43,7 +42,7 @@ class IdentifierOutput:
         self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))  # compiles
         self._identifier.reset()
         self._effectors = list(configuration.effectors)
-        self._topic = {leaf: topics.name(leaf) for leaf in OUTPUTS}
+        self._topic = {leaf: prefix + leaf for leaf in OUTPUTS}
         for leaf, msgtype in OUTPUTS.items():
             writer.add_topic(self._topic[leaf], msgtype)
         self._dither_templates: dict[str, MessageTemplate] = {}

@@ -88,15 +88,32 @@ def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
         raise EstimationError(message) from error
 
 
+def profile_path(name: str | os.PathLike[str]) -> Path:
+    """Return the path of a parameter file.
+
+    Parameters
+    ----------
+    name
+        As `read_profile` takes it.
+
+    Raises
+    ------
+    EstimationError
+        For a name that is not shipped.
+    """
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    shipped = {p.stem: p for p in sorted(config_folder().rglob("*.yaml"))}
+    if str(name) not in shipped:
+        message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
+        raise EstimationError(message)
+    return shipped[str(name)]
+
+
 def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
     """Find a parameter file and return the identifier's section of it."""
-    path = Path(name)
-    if path.suffix not in (".yaml", ".yml"):
-        shipped = {p.stem: p for p in sorted(config_folder().rglob("*.yaml"))}
-        if str(name) not in shipped:
-            message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
-            raise EstimationError(message)
-        path = shipped[str(name)]
+    path = profile_path(name)
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -13,9 +13,9 @@ from typing import Any
 
 from msls_ros.bags import BagError
 from msls_ros.commands.offline import Replay, ReplayOptions, kept_parameters, replay
-from msls_ros.commands.profiles import read_profile
+from msls_ros.commands.profiles import profile_path, read_inputs, read_profile
 from msls_ros.commands.progress import Progress
-from msls_ros.estimation import Configuration, EstimationError
+from msls_ros.estimation import EstimationError
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
@@ -65,7 +65,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         bags = _expand(arguments.bags)
-        configuration = read_profile(arguments.params) if arguments.params else None
+        given = profile_path(arguments.params) if arguments.params else None
+        if given is not None:
+            read_profile(given)
+            read_inputs(given)
         places = _places(bags, arguments.out or DEFAULT_OUT)
     except (BagError, EstimationError) as error:
         print(f"replay: {error}", file=sys.stderr)
@@ -73,7 +76,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     results = []
     for bag, place in zip(bags, places, strict=True):
         try:
-            results.append(_replay(bag, place, configuration, arguments))
+            results.append(_replay(bag, place, given or kept_parameters(bag), arguments))
         except (BagError, EstimationError, OSError) as error:
             print(f"replay: {error}", file=sys.stderr)
             results.append({"bag": str(bag), "error": str(error)})
@@ -123,18 +126,17 @@ def _name(bag: Path) -> str:
     return name if bag.is_dir() else name.split(".")[0] or name
 
 
-def _replay(bag: Path, out: Path, configuration: Configuration | None, arguments: argparse.Namespace) -> dict[str, Any]:
+def _replay(bag: Path, out: Path, parameters: Path, arguments: argparse.Namespace) -> dict[str, Any]:
+    configuration = read_profile(parameters)
     options = ReplayOptions(
         every=arguments.every,
         merge=arguments.merge,
         namespace=arguments.namespace,
         definitions=arguments.definitions,
         overwrite=arguments.overwrite or arguments.out is None,
+        inputs=read_inputs(parameters),
+        parameters=parameters,
     )
-    source = arguments.params
-    if configuration is None:
-        source = str(kept_parameters(bag))
-        configuration = read_profile(source)
     size = _megabytes(bag)
     start = time.monotonic()
     with Progress(f"replaying {bag.name}", size, "MB") as bar:
@@ -143,7 +145,7 @@ def _replay(bag: Path, out: Path, configuration: Configuration | None, arguments
             bar.show(share * size, f"{samples / max(time.monotonic() - start, 1e-9):,.0f} samples/s")
 
         result = replay(bag, out, configuration, options, show)
-    return summary(bag, out, source, result)
+    return summary(bag, out, arguments.params or str(parameters), result)
 
 
 def _megabytes(bag: Path) -> float:
