@@ -213,3 +213,19 @@ def test_an_f16_mapped_from_ros_types_gives_a_and_b_within_five_percent_of_the_d
     off = differences(mapped, direct)
     assert len(off) >= 9 and off.max() < 0.05
     assert mapped.b[P, DDT] == pytest.approx(direct.b[P, DDT], rel=0.02)
+
+
+def test_regressors_that_do_not_pass_the_window_of_the_derivative_bias_b_by_a_tenth_and_more() -> None:
+    flight, half = f16("high_alpha"), 4
+    offsets = np.arange(-half, half + 1)
+    weights = offsets * RATE / (offsets**2).sum()
+    xdot = flight.xdot[half:-half].copy()
+    for rate in (3, 4, 5):
+        xdot[:, rate] = np.correlate(flight.x[:, rate], weights, "valid")
+    configuration = read_profile("odometry_jointstate").replace(
+        {**WELL_KNOWN, "effectors": EFFECTORS, "estimator.forgetting_factor": 0.995, "estimator.penalty": 1e-3}
+    )
+    at = np.arange(1500.0)
+    apart = identify(configuration, at, flight.x[half:][:1500], xdot[:1500], flight.delta[half:][:1500])
+    direct = identify(configuration, at, flight.x[:1500], flight.xdot[:1500], flight.delta[:1500])
+    assert apart.b[P, DDT] < 0.9 * direct.b[P, DDT]
