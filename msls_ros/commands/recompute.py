@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import heapq
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.bags import BagReader
-from msls_ros.commands.inputs import InputTopics, SampleSource, read_inputs
-from msls_ros.commands.recording import Stamped, Thinned
-from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, FaultEvent, Identifier, Synchronizer
-from msls_ros.estimation.block_pairing import PairedBlock
+from msls_ros.commands.recording import Input, Stamped, Thinned
+from msls_ros.estimation import (
+    Configuration,
+    Dither,
+    Estimate,
+    EstimationError,
+    FaultEvent,
+    Identifier,
+    PairedSample,
+    Refused,
+    Synchronizer,
+)
 
 Array = NDArray[np.float64]
 _BLOCK = 500
 """Samples at a time: estimates are large, and only a few are kept."""
+_LOOK = 1000
+"""Messages of one input, with none of the other between them, that show a bag of streams one after the other."""
 
 
 @dataclass
@@ -56,8 +65,7 @@ def fitting(states: tuple[str, ...], effectors: tuple[str, ...]) -> Configuratio
 
 
 def recompute(
-    bag: Path,
-    prefix: str,
+    inputs: list[Input],
     configuration: Configuration,
     *,
     identify: bool,
@@ -67,60 +75,78 @@ def recompute(
 
     Parameters
     ----------
-    bag
-        Directory or file.
-    prefix
-        Of the aircraft's topics.
+    inputs
+        In the order of the bag.
     configuration
         Of the identifier.
     identify
         False: the gate alone.
     progress
         Called with the share that is done.
-
-    Raises
-    ------
-    BagError
-        If the bag cannot be read.
     """
-    topics = InputTopics(prefix)
-    reader = BagReader(bag, [topics.state, topics.effectors])
     gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
-    source = SampleSource(topics, gate)
     identifier = Identifier(configuration) if identify else None
     found = Recomputed({}, 0, 0)
-    for batch in read_inputs(bag, reader, topics):
-        for block in source.segments(batch):
-            _identify(identifier, block, found)
-        progress(reader.progress)
-    for block in source.rest():
-        _identify(identifier, block, found)
+    for samples in _blocks(_paired(_in_order(inputs), gate)):
+        if identifier is not None:
+            _identify(identifier, samples, found)
+        progress(min(1.0, 2.0 * gate.paired / len(inputs)))
     found.refused, found.paired, found.restarts = dict(gate.refused), gate.paired, gate.restarts
     return found
 
 
-def _parts(block: PairedBlock) -> Iterator[PairedBlock]:
-    for start in range(0, len(block.stamps), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        restarted = block.restarted and start == 0
-        yield PairedBlock(restarted, block.stamps[part], block.x[part], block.xdot[part], block.delta[part])
+def _in_order(inputs: list[Input]) -> Iterable[Input]:
+    """Return the inputs as a player would give them: by log time, where one stream follows the other."""
+    first = inputs[0].leaf
+    if any(message.leaf != first for message in inputs[: _LOOK + 1]) or len(inputs) <= _LOOK:
+        return inputs
+    streams = [[m for m in inputs if m.leaf == leaf] for leaf in ("state", "effectors")]
+    return heapq.merge(*streams, key=lambda message: message.logged)
 
 
-def _identify(identifier: Identifier | None, block: PairedBlock, found: Recomputed) -> None:
-    if identifier is None:
-        return
-    if block.restarted:
+def _paired(inputs: Iterable[Input], gate: Synchronizer) -> Iterator[PairedSample]:
+    for message in inputs:
+        sample, paired = message.sample, None
+        try:
+            if sample is None:
+                raise gate.refuse("malformed", message.error)
+            values = sample.values.tolist()
+            if message.leaf == "state":
+                rates = [] if sample.rates is None else sample.rates.tolist()
+                paired = gate.add_state(sample.stamp_ns, sample.names, values, rates)
+            else:
+                paired = gate.add_effectors(sample.stamp_ns, sample.names, values)
+        except Refused:
+            continue
+        if paired is not None:
+            yield paired
+
+
+def _blocks(samples: Iterable[PairedSample]) -> Iterator[list[PairedSample]]:
+    """Yield samples some at a time; one that starts anew begins a block."""
+    block: list[PairedSample] = []
+    for sample in samples:
+        if block and (sample.restarted or len(block) == _BLOCK):
+            yield block
+            block = []
+        block.append(sample)
+    if block:
+        yield block
+
+
+def _identify(identifier: Identifier, block: list[PairedSample], found: Recomputed) -> None:
+    if block[0].restarted:
         identifier.reset()
-    for part in _parts(block):
-        _take(identifier, part, found)
-
-
-def _take(identifier: Identifier, part: PairedBlock, found: Recomputed) -> None:
-    stamps = [int(stamp) for stamp in part.stamps]
-    run = identifier.run(np.multiply(part.stamps, 1e-9, dtype=np.float64), part.x, part.xdot, part.delta)
+    run = identifier.run(
+        np.array([s.time for s in block]),
+        np.array([s.x for s in block]),
+        np.array([s.xdot for s in block]),
+        np.array([s.delta for s in block]),
+    )
+    stamps = [s.stamp for s in block]
     for stamp, estimate in zip(stamps, run.estimates, strict=True):
         found.signals.append((stamp, (estimate.prediction_error, estimate.statistic)))
         found.models.add(stamp, estimate)
         found.events += [(stamp, event) for event in estimate.events]
-    dithers = [block.at(k) for block in run.dithers for k in range(len(block.delta))]
+    dithers = [blocks.at(k) for blocks in run.dithers for k in range(len(blocks.delta))]
     found.dithers += list(zip(stamps, dithers, strict=True))

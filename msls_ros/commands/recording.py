@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from msls_ros.bags import BagError, BagMessage, BagReader, Sample, SampleDecoder
 
@@ -26,6 +26,18 @@ _TYPES = {
 }
 _SAMPLES = ("state", "effectors")
 _DIAGNOSTICS = "diagnostic_msgs/msg/DiagnosticArray"
+
+
+class Input(NamedTuple):
+    """A message of states or deflections."""
+
+    leaf: str
+    """state or effectors."""
+    logged: int
+    """When the recorder got it [ns]."""
+    sample: Sample | None
+    """None: it cannot be decoded."""
+    error: str
 
 
 class Thinned(Generic[T]):
@@ -62,8 +74,8 @@ class Recording:
 
     prefix: str
     """What stands before ``state`` in the names of its topics."""
-    samples: dict[str, Stamped[Sample]]
-    """Of ``state`` and ``effectors``."""
+    inputs: list[Input]
+    """Of ``state`` and ``effectors``, in the order of the bag."""
     messages: dict[str, Stamped[Any]]
     """Of the other topics."""
     stride: int
@@ -73,6 +85,10 @@ class Recording:
     diagnostics: dict[str, dict[str, str]]
     """The last values of each status in /diagnostics, by its name."""
     warnings: list[str] = field(default_factory=list)
+
+    def samples(self, leaf: str) -> Stamped[Sample]:
+        """Return the samples of a topic that can be decoded."""
+        return [(m.sample.stamp_ns, m.sample) for m in self.inputs if m.leaf == leaf and m.sample is not None]
 
 
 def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None] = lambda share: None) -> Recording:
@@ -103,7 +119,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
     messages = {leaf: found for (own, leaf), found in streams.messages.items() if own == prefix}
     return Recording(
         prefix=prefix,
-        samples={leaf: streams.samples.get((prefix, leaf), []) for leaf in _SAMPLES},
+        inputs=streams.inputs.get(prefix, []),
         messages={**messages, "model": models.items},
         stride=models.stride,
         topics=[(name, reader.topics[name], streams.counts[name]) for name in sorted(reader.topics)],
@@ -121,7 +137,7 @@ class _Streams:
         self._places: dict[str, tuple[str, str] | None] = {}
         self._bad: dict[str, list[str]] = {}
         self.counts: Counter[str] = Counter()
-        self.samples: dict[tuple[str, str], Stamped[Sample]] = {}
+        self.inputs: dict[str, list[Input]] = {}
         self.messages: dict[tuple[str, str], Stamped[Any]] = {}
         self.models: dict[str, Thinned[Any]] = {}
         self.diagnostics: dict[str, dict[str, str]] = {}
@@ -145,8 +161,12 @@ class _Streams:
         prefix, leaf = place
         if leaf in _SAMPLES:
             decoder = self._decoders.setdefault(message.topic, SampleDecoder(message.msgtype))
-            sample = decoder.decode(message.data)
-            self.samples.setdefault(place, []).append((sample.stamp_ns, sample))
+            inputs = self.inputs.setdefault(prefix, [])
+            try:
+                inputs.append(Input(leaf, message.stamp_ns, decoder.decode(message.data), ""))
+            except BagError as error:
+                inputs.append(Input(leaf, message.stamp_ns, None, str(error)))
+                raise
             return
         decoded = self._reader.decode(message)
         stamp = int(decoded.header.stamp.sec) * 1_000_000_000 + int(decoded.header.stamp.nanosec)
@@ -175,8 +195,7 @@ def _place(topic: str, msgtype: str) -> tuple[str, str] | None:
 
 def _aircraft(bag: Path, streams: _Streams, namespace: str | None, topics: list[str]) -> str:
     """Return the prefix of the only aircraft, or of the one asked for."""
-    inputs = {prefix for prefix, _ in streams.samples}
-    pairs = {prefix for prefix in inputs if {(prefix, leaf) for leaf in _SAMPLES} <= streams.samples.keys()}
+    pairs = {prefix for prefix, inputs in streams.inputs.items() if {m.leaf for m in inputs} == set(_SAMPLES)}
     found = sorted(pairs | streams.models.keys())
     if namespace is not None:
         found = [prefix for prefix in found if prefix.strip("/") == namespace.strip("/")]

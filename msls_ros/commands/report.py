@@ -40,9 +40,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )
     result.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or a .mcap, .db3 or .bag file")
-    result.add_argument(
-        "--out", type=Path, metavar="DIR", help="folder for the report (default: report beside the bag)"
-    )
+    result.add_argument("--out", type=Path, metavar="DIR", help="folder for the report (default: beside the bag)")
     result.add_argument(
         "--parameter",
         action="append",
@@ -84,19 +82,19 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         With one sentence.
     """
     bag: Path = arguments.bag
-    out: Path = arguments.out or (bag.resolve().parent / "report")
+    out: Path = arguments.out or default_folder(bag)
     with Progress(f"report of {bag.name}", 100.0, "%") as bar:
         flight = gather(
             bag, arguments.params, arguments.namespace, lambda what, share: bar.show(_SHARE[what](share), what)
         )
         bar.show(60.0, "drawing")
-        from msls_ros.report.flight_report import make_report  # matplotlib takes a second to import
+        from msls_ros.report.flight_report import FIGURES, make_report  # matplotlib takes a second to import
 
         report = make_report(flight, arguments.parameter)
         bar.show(100.0, "done")
     figures = [(out / f"{drawn.name}.png", drawn.png) for drawn in report.figures]
     page = out / PAGE
-    _write(out, [(page, report.html.encode("utf-8")), *figures])
+    _write(out, [(page, report.html.encode("utf-8")), *figures], [out / f"{name}.png" for name in FIGURES])
     for warning in flight.warnings:
         print(f"report: warning: {warning}", file=sys.stderr)
     return {
@@ -117,11 +115,21 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
 _SHARE = {"reading": lambda share: 20.0 * share, "identifying": lambda share: 20.0 + 40.0 * share}
 
 
-def _write(out: Path, files: Sequence[tuple[Path, bytes]]) -> None:
+def default_folder(bag: Path) -> Path:
+    """Return where a bag's report goes unless told otherwise: beside the bag."""
+    whole = bag.resolve()
+    name = whole.name.split(".")[0] if whole.is_file() else whole.name
+    return whole.parent / ("report" if name == "bag" else f"{name}_report")
+
+
+def _write(out: Path, files: Sequence[tuple[Path, bytes]], ours: Sequence[Path]) -> None:
+    """Write the files, and take away figures of an earlier report that this one does not have."""
     try:
         out.mkdir(parents=True, exist_ok=True)
         for path, content in files:
             path.write_bytes(content)
+        for path in set(ours) - {path for path, _ in files}:
+            path.unlink(missing_ok=True)
     except OSError as error:
         message = f"the folder '{out}' cannot be written: {error.strerror}"
         raise OSError(message) from error

@@ -79,7 +79,8 @@ class _Gathering:
         self.warnings = list(record.warnings)
         self.missing: list[str] = []
         self.recorded_models = bool(record.messages["model"])
-        self.inputs = all(record.samples.values())
+        self.samples = {leaf: record.samples(leaf) for leaf in ("state", "effectors")}
+        self.inputs = all(self.samples.values())
         self.configuration, self.source = self._configuration(params)
 
     def _configuration(self, params: str | None) -> tuple[Configuration | None, str]:
@@ -93,7 +94,7 @@ class _Gathering:
                 return None, (
                     f"Not known: no {PARAMETERS} beside the bag. Give --params to compute the detector's statistic."
                 )
-            names = [tuple(self.record.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
+            names = [tuple(self.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
             return fitting(names[0], names[1]), "The identifier's defaults: there is no other configuration."
         return kept, f"{PARAMETERS} beside the bag."
 
@@ -116,10 +117,10 @@ class _Gathering:
     def _recompute(self, progress: Callable[[float], None]) -> Recomputed | None:
         if not self.inputs:
             return None
-        names = [tuple(self.record.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
+        names = [tuple(self.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
         configuration = self.configuration or fitting(names[0], names[1])
         identify = self.configuration is not None
-        found = recompute(self.bag, self.record.prefix, configuration, identify=identify, progress=progress)
+        found = recompute(self.record.inputs, configuration, identify=identify, progress=progress)
         if not found.paired:
             self.warnings.append("not one sample passed the gate: see the refusals")
         return found
@@ -131,7 +132,7 @@ class _Gathering:
             "fault": [],
             "dither": [],
             "truth/model": [],
-            **self.record.samples,
+            **self.samples,
             **self.record.messages,
         }
         if computed is not None and computed.signals:
@@ -146,7 +147,7 @@ class _Gathering:
         truth = self._truth(streams["truth/model"], models)
         dither = self._dither(streams["dither"], truth, models)
         return Recorded(
-            name=self.bag.resolve().name,
+            name=f"{self.bag.resolve().parent.name}/{self.bag.resolve().name}",
             origin=self._origin_text(),
             topics=self.record.topics,
             states=self._signals(streams["state"]),
@@ -331,7 +332,7 @@ class _Gathering:
                 else "The bag holds no model, and none can be computed from its inputs."
             )
         for leaf, what in (("state", "states"), ("effectors", "deflections")):
-            if not self.record.samples[leaf]:
+            if not self.samples[leaf]:
                 self.missing.append(f"The bag holds no {what} (topic {leaf}): nothing can be computed again.")
         if flight.dither is None:
             self.missing.append("The bag holds no dither.")

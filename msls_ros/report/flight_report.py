@@ -14,6 +14,11 @@ from msls_ros.report.parameters import Parameter, quality
 from msls_ros.report.recorded import Models, Recorded, TruthChange
 from msls_ros.report.style import Drawn, derivative, house_style
 
+FIGURES = (
+    "events", "flight", "model", "model_before_alarm", "model_truth", "parameters", "parameters_alarm", "detection",
+    "residuals", "dither", "excitation",
+)  # fmt: skip
+"""Names of all figures that there can be."""
 _BEFORE, _AFTER = 0.5, 2.0
 """The window about an alarm [s]."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
@@ -17,6 +17,8 @@ from msls_ros.report.style import DIVERGING, GREEK, INK, WIDTH, Drawn, derivativ
 LIMIT = 10.0
 """Colours end where an estimate is this many standard errors from zero."""
 _KNOWN = "#eceff3"
+_PALE = 0.35
+"""How much of its colour an unreliable number keeps."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +70,7 @@ def draw_model(models: Models, at: int, name: str, title: str, truth: Truth | No
     second = "truth" if truth is not None else "standard error"
     caption = (
         f"After the sample at {models.time[at]:.2f} s. Row: the equation; column: the state or effector. Upper number: "
-        f"estimate [state per second per state or rad]; lower: {second}. Hatched with grey numbers: not reliable "
+        f"estimate [state per second per state or rad]; lower: {second}. Pale, hatched, in grey: not reliable "
         "(excited too little, or too large an error). Grey with italic numbers: known from physics, not identified."
     )
     return write(figure, name, title, caption)
@@ -98,11 +100,14 @@ def _draw_matrix(axis: Axes, content: _Map, states: tuple[str, ...], true: Array
     axis.tick_params(length=0, labeltop=True, labelbottom=False)
     for spine in axis.spines.values():
         spine.set_visible(False)
-    scale = Normalize(-LIMIT, LIMIT, clip=True)
+    scale = Normalize(-LIMIT, LIMIT)
     for i in range(n):
         for j in range(m):
             known, reliable = bool(content.known[i, j]), bool(content.reliable[i, j])
-            colour = _KNOWN if known else DIVERGING(scale(content.score[i, j]))
+            strength = 1.0 if reliable else _PALE
+            colour = (
+                _KNOWN if known else to_hex(DIVERGING(scale(strength * np.clip(content.score[i, j], -LIMIT, LIMIT))))
+            )
             hatch = None if known or reliable else "////"
             axis.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, edgecolor="white", linewidth=1.5))
             if hatch:
@@ -111,8 +116,8 @@ def _draw_matrix(axis: Axes, content: _Map, states: tuple[str, ...], true: Array
                         (j - 0.47, i - 0.46), 0.94, 0.92, fill=False, edgecolor="#c3cad2", linewidth=0, hatch=hatch
                     )
                 )
-            strong = abs(content.score[i, j]) > 0.75 * LIMIT and not known
-            ink = "white" if strong and reliable else ("#4c5763" if known or not reliable else INK)
+            strong = abs(content.score[i, j]) > 0.75 * LIMIT and reliable and not known
+            ink = "white" if strong else ("#4c5763" if known or not reliable else INK)
             style = "italic" if known else "normal"
             below = "" if known else (_number(true[i, j]) if true is not None else f"±{_number(content.std[i, j])}")
             lift = 0.0 if known else -0.17

@@ -38,7 +38,7 @@ def draw_overview(flight: Recorded, changes: Sequence[TruthChange]) -> Drawn | N
     deflections = flight.deflections
     if deflections is not None and len(deflections.time):
         degrees = [(name, np.degrees(deflections.values[:, i])) for i, name in enumerate(deflections.names)]
-        start = [(f"{name} {d[0]:+.1f}°", d - d[0]) for name, d in degrees]
+        start = [(f"{name} {round(d[0], 1) + 0.0:+.1f}°", d - d[0]) for name, d in degrees]
         panels.append(("deflections from\ntheir first value [deg]", deflections.time, start))
     if not panels:
         return None
@@ -49,7 +49,7 @@ def draw_overview(flight: Recorded, changes: Sequence[TruthChange]) -> Drawn | N
         axis.set_ylabel(label)
     mark(axes, [e.time for e in flight.alarms], [c.time for c in changes])
     for axis in axes:
-        beside(axis)
+        beside(axis, without_marks=axis is not axes[0])
     caption = (
         "Measured states and deflections, as recorded. Angles and deflections are drawn from their first value, "
         "which the legend gives."

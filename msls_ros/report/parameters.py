@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from itertools import pairwise
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 from msls_ros.report.errors import ReportError
 from msls_ros.report.recorded import Array, Flags, Models, Recorded, Truth, TruthChange
@@ -17,7 +18,7 @@ MOST = 8
 """Parameters shown where none are asked for."""
 BAND = 1.96
 """Standard errors of a 95 % band."""
-_LARGE = 0.2
+_LARGE = 0.12
 """A large entry of B is at least this share of the largest of its row."""
 _PAPER = ("P", "ddt")
 """What the paper follows in its figures: dPdot/d ddt, which its text calls b43."""
@@ -197,10 +198,18 @@ def _draw(axis: Axes, p: Parameter, window: tuple[float, float] | None) -> None:
         axis.plot(time, p.truth[chosen][few], color=BLACK, linestyle="--", linewidth=1.3, label="truth")
     axis.set_title(p.label)
     axis.set_ylim(low, high)
-    strip: dict[str, Any] = {"transform": axis.get_xaxis_transform(), "linewidth": 0, "step": "post"}
-    reliable = p.reliable[chosen][few]
-    axis.fill_between(time, 0.0, 0.025, where=np.ones_like(reliable), color="#c3cad2", **strip)
-    axis.fill_between(time, 0.0, 0.025, where=reliable, color=BLUE, **strip)
+    if len(time):
+        _strip(axis, time, p.reliable[chosen][few])
+
+
+def _strip(axis: Axes, time: Array, reliable: Flags) -> None:
+    """Show at the foot when a parameter is reliable."""
+    edges = [0, *(np.flatnonzero(np.diff(reliable)) + 1), len(reliable)]
+    for start, stop in pairwise(edges):
+        begin, end = float(time[start]), float(time[min(stop, len(time) - 1)])
+        colour = BLUE if reliable[start] else "#c3cad2"
+        foot = axis.get_xaxis_transform()
+        axis.add_patch(Rectangle((begin, 0.0), end - begin, 0.025, color=colour, linewidth=0, transform=foot))
 
 
 def _frame(value: Array, std: Array, truth: Array | None) -> tuple[float, float]:

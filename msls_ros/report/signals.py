@@ -50,8 +50,8 @@ def draw_detection(flight: Recorded, detection: Detection, changes: Sequence[Tru
     _shared_legend(figure, [axes[0], axes[1]])
     caption = (
         "Prediction error of each equation before its update (eq 11), the published residual standard deviation, and "
-        "the statistic that is compared with the threshold. A statistic of 0 (not drawn): the detector is not armed, "
-        "at the start and while its window fills after an alarm."
+        "the statistic that is compared with the threshold. No line: the detector is not armed, at the start and while "
+        "its window fills after an alarm."
     )
     return write(figure, "detection", "Prediction errors and detector", caption)
 
@@ -73,14 +73,13 @@ def _residual_band(axis: Axes, models: Models | None, name: str) -> None:
 
 
 def _statistic(axis: Axes, detection: Detection, q: int) -> None:
-    values = np.where(detection.statistic[:, q] > 0.0, detection.statistic[:, q], np.nan)
+    values = np.where(detection.statistic[:, q] != 0.0, detection.statistic[:, q], np.nan)
     line(axis, detection.time, values, color=BLUE, linewidth=1.0, label="statistic")
     axis.axhline(detection.threshold, color=ORANGE, linestyle="--", linewidth=1.3, label="threshold")
     over = detection.statistic[:, q] > detection.threshold
     axis.plot(detection.time[over], detection.statistic[over, q], "o", color=ORANGE, markersize=5, label="over it")
-    axis.set_yscale("log")
-    top = max(2.0 * detection.threshold, 1.5 * float(detection.statistic[:, q].max(initial=0.0)))
-    axis.set_ylim(0.02 * detection.threshold, top)
+    top = max(1.3 * detection.threshold, 1.1 * float(detection.statistic[:, q].max(initial=0.0)))
+    axis.set_ylim(min(0.0, 1.2 * float(detection.statistic[:, q].min(initial=0.0))) - 0.02 * top, top)
 
 
 def draw_residuals(flight: Recorded, models: Models, changes: Sequence[TruthChange]) -> Drawn:
@@ -120,7 +119,7 @@ def draw_dither(flight: Recorded, dither: Dither, changes: Sequence[TruthChange]
     axes[1].set_ylim(0.0, 1.15 * max(float(np.nanmax(dither.limit)), 1e-3))
     mark(axes, [e.time for e in flight.alarms], [c.time for c in changes])
     for axis in axes:
-        beside(axis)
+        beside(axis, without_marks=axis is not axes[0])
     caption = (
         "Above: what the identifier asks to add to the commands. Below: the worst-case rms acceleration at the pilot "
         "that it predicts of that, and the limit it must keep."

@@ -58,6 +58,7 @@ _STYLE = {
     "svg.hashsalt": "msls_ros",
     "svg.fonttype": "path",
 }
+_MARKS = ("true change", "alarm")
 _NO_METADATA = {"Date": None, "Creator": None, "Format": None, "Type": None}
 
 
@@ -86,6 +87,7 @@ def write(figure: Figure, name: str, title: str, caption: str) -> Drawn:
     """Return a figure as SVG and PNG; the same figure gives the same bytes."""
     svg, png = io.BytesIO(), io.BytesIO()
     figure.savefig(png, format="png", dpi=DPI, metadata={"Software": None})
+    figure.set_layout_engine("none")
     figure.savefig(svg, format="svg", metadata=_NO_METADATA)
     width, height = (round(96 * float(inches)) for inches in figure.get_size_inches())
     return Drawn(name, title, caption, _compact(svg.getvalue()), png.getvalue(), width, height)
@@ -149,14 +151,22 @@ def mark(axes: Sequence[Axes], alarms: Sequence[float], changes: Sequence[float]
     """Mark alarms and abrupt changes of the truth in every axis."""
     for axis in axes:
         for i, time in enumerate(changes):
-            axis.axvline(time, color=INK, linestyle=":", linewidth=1.2, label="true change" if i == 0 else None)
+            axis.axvline(time, color=INK, linestyle=":", linewidth=1.2, label=_MARKS[0] if i == 0 else None)
         for i, time in enumerate(alarms):
-            axis.axvline(time, color=PINK, linewidth=1.2, label="alarm" if i == 0 else None)
+            axis.axvline(time, color=PINK, linewidth=1.2, label=_MARKS[1] if i == 0 else None)
 
 
-def beside(axis: Axes, **style: Any) -> None:
-    """Put the legend to the right of an axis."""
-    axis.legend(loc="upper left", bbox_to_anchor=(1.0, 1.03), borderaxespad=0.4, **style)
+def beside(axis: Axes, *, without_marks: bool = False) -> None:
+    """Put the legend to the right of an axis; without what `mark` drew where another axis names that."""
+    handles, labels = axis.get_legend_handles_labels()
+    shown = [k for k, text in enumerate(labels) if not (without_marks and text in _MARKS)]
+    axis.legend(
+        [handles[k] for k in shown],
+        [labels[k] for k in shown],
+        loc="upper left",
+        bbox_to_anchor=(1.0, 1.03),
+        borderaxespad=0.4,
+    )
 
 
 UNITS = {**dict.fromkeys(("u", "v", "w"), "m/s²"), **dict.fromkeys(("P", "Q", "R"), "rad/s²"),

@@ -48,7 +48,8 @@ def find_changes(truth: Truth, models: Models) -> list[TruthChange]:
         effects = []
         for j, effector in enumerate(models.effectors):
             matters = np.abs(b[k][:, j]) >= _MATTERS * scale[:, 0]
-            change = np.where(matters, jump[:, j], 0.0)
+            own = np.abs(b[k + 1][:, j] - b[k][:, j])
+            change = np.divide(own, np.abs(b[k][:, j]), out=np.zeros(len(rows)), where=matters)
             i = int((change * clear).argmax())
             if change[i] >= _JUMP:
                 effects.append((effector, models.states[rows[i]], float(b[k + 1][i, j] / b[k][i, j])))
@@ -73,8 +74,8 @@ def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
         Of the truth; empty where the bag holds none.
     """
     sentences = [_size(flight)]
-    for change in changes:
-        sentences.append(_told(flight, change))
+    for change in changes[:5]:
+        sentences += _told(flight, change)
     if flight.truth is not None:
         false = false_alarms(flight, changes)
         if not changes:
@@ -101,22 +102,24 @@ def _size(flight: Recorded) -> str:
         flags = np.concatenate([flight.models.a_reliable[:, rows], flight.models.b_reliable[:, rows]], axis=2)
         known = flight.models.a_known[rows]
         free = flags.shape[1] * flags.shape[2] - int(known.sum())
-        end_count = int(flags[-1].sum()) - int(known.sum())
-        reliable = f" At the end {end_count} of {free} identified numbers are reliable."
+        count = flags.sum(axis=(1, 2)) - int(known.sum())
+        most = int(count.argmax())
+        reliable = (
+            f" Of the {free} identified numbers, {count[most]} were reliable at best "
+            f"(at {flight.models.time[most]:.2f} s) and {count[-1]} at the end."
+        )
     return f"{end - begin:.1f} s of flight{samples}.{reliable}"
 
 
-def _told(flight: Recorded, change: TruthChange) -> str:
+def _told(flight: Recorded, change: TruthChange) -> list[str]:
     """Tell one true change and what was made of it."""
-    what = _listed(
-        f"of {effector} on {derivative(row)} to {ratio:.2f} of what it was" for effector, row, ratio in change.effects
-    )
-    begin = f"After {change.time:.2f} s the plant itself changed abruptly, the effect {what}"
+    what = _listed(f"{effector} on {derivative(row)} to {ratio:.2f}" for effector, row, ratio in change.effects)
+    begin = f"At {change.time:.2f} s the plant itself changed: the effect of {what} of what it was"
     first = next((e for e in flight.alarms if change.time < e.time <= change.time + ALARM_WINDOW), None)
     if first is None:
-        return f"{begin}: not detected within {ALARM_WINDOW:g} s."
-    found = f"detected {first.time - change.time:.2f} s later in {_equations(first.equations)}"
-    return f"{begin}: {'; '.join([found, *_followed(flight, first, change.time)])}."
+        return [f"{begin}. This was NOT detected within {ALARM_WINDOW:g} s."]
+    found = f"Detected after {first.time - change.time:.2f} s, in {_equations(first.equations)}"
+    return [f"{begin}.", "; ".join([found, *_followed(flight, first, change.time)]) + "."]
 
 
 def _alarm(flight: Recorded, alarm: Event) -> str:
@@ -133,11 +136,11 @@ def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
             break
         if event.kind == "isolated":
             parts.append(
-                f"isolated after {event.time - since:.2f} s: {event.effector} has {event.effectiveness:.2f} ± "
-                f"{event.effectiveness_std:.2f} of its effect on {_equations(event.equations)}"
+                f"{event.effector} named after {event.time - since:.2f} s "
+                f"({event.effectiveness:.2f} ± {event.effectiveness_std:.2f} left on {_equations(event.equations)})"
             )
         elif event.kind == "recovered":
-            parts.append(f"estimate back at normal settings after {event.time - since:.2f} s")
+            parts.append(f"back at normal settings after {event.time - since:.2f} s")
             break
     return parts
 
