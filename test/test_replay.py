@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import sqlite3
 import tracemalloc
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +32,13 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from msls_ros.bags import BagMessage, BagWriter, read
-from msls_ros.commands import inputs as command_inputs
 from msls_ros.commands import replay as command
 from msls_ros.commands.inputs import InputTopics, SampleSource
 from msls_ros.commands.offline import ReplayOptions, keep_parameters, kept_parameters, replay
 from msls_ros.commands.profiles import read_profile
 from msls_ros.commands.record_flights import results
 from msls_ros.estimation import Configuration, Refused, Synchronizer
+from msls_ros.estimation.block_pairing import PairedBlock
 
 STATES = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")
 SURFACES = ("de", "dr", "ddt", "ddf", "dsf", "dte", "dtr")
@@ -142,7 +144,8 @@ def collect(messages: list[BagMessage], sizes: list[int], blocks: bool) -> tuple
     gate = Synchronizer(STATES, SURFACES)
     source = SampleSource(InputTopics("/"), gate)
     found: list[Any] = []
-    batches, place = [], 0
+    batches: list[list[BagMessage]] = []
+    place = 0
     while place < len(messages):
         size = sizes[len(batches) % len(sizes)]
         batches.append(messages[place : place + size])
@@ -197,12 +200,13 @@ def disturbed(rng: np.random.Generator, count: int, damage: float, jitter: int) 
 def test_regular_streams_pass_in_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     messages = disturbed(np.random.default_rng(0), 3000, 0.0, 0)
     one_by_one: list[int] = []
-    plain = SampleSource._one_by_one
-    monkeypatch.setattr(
-        command_inputs.SampleSource,
-        "_one_by_one",
-        lambda self, some: (one_by_one.append(len(some)), plain(self, some))[1],
-    )
+    original = SampleSource._one_by_one
+
+    def counted(self: SampleSource, some: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        one_by_one.append(len(some))
+        return original(self, some)
+
+    monkeypatch.setattr(SampleSource, "_one_by_one", counted)
     found, *_ = collect(messages, [701], blocks=True)
     assert len(found) == 3000 and sum(one_by_one) < 64
 
@@ -286,9 +290,26 @@ def test_an_output_that_exists_is_replaced_only_when_asked_and_never_the_input(
     assert code == 2 and len(err) == 1 and "exists already" in err[0]
     assert run(capsys, bag, "--out", tmp_path / "out", "--overwrite")[0] == 0
     before = [file.read_bytes() for file in sorted(bag.iterdir())]
-    code, _, err = run(capsys, bag, "--out", tmp_path, "--overwrite")
-    assert code == 2 and len(err) == 1 and "would replace it" in err[0]
+    for folder in (tmp_path, bag):
+        code, _, err = run(capsys, bag, "--out", folder, "--overwrite")
+        assert code == 2 and len(err) == 1 and "give another folder" in err[0]
     assert [file.read_bytes() for file in sorted(bag.iterdir())] == before
+
+
+def test_interrupted_the_command_says_so_and_leaves_a_whole_bag(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    original = SampleSource.segments
+
+    def interrupted(self: SampleSource, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        yield from original(self, batch[:400])
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(SampleSource, "segments", interrupted)
+    code, _, err = run(capsys, BAGS / "tail_fault", "--out", tmp_path / "out")
+    assert code == 130 and len(err) == 1 and "interrupted" in err[0]
+    left = read(tmp_path / "out" / "tail_fault")
+    assert len(list(left)) > 50 and left.warnings == []
 
 
 def renamed(messages: list[BagMessage], **topics: str) -> list[BagMessage]:
@@ -377,8 +398,6 @@ def test_a_topic_without_a_definition_is_left_out_of_the_merge_and_named(
 
 def write_old_database(path: Path, messages: list[BagMessage]) -> None:
     """Write what rosbag2 of ROS 2 Foxy wrote: no definitions, no QoS."""
-    import sqlite3
-
     topics = {message.topic: message.msgtype for message in messages}
     numbers = {topic: k + 1 for k, topic in enumerate(topics)}
     with sqlite3.connect(path) as database:

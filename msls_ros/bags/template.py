@@ -47,7 +47,7 @@ class MessageTemplate:
     Raises
     ------
     BagError
-        No definition, or a field is unknown or does not fit its type.
+        No definition, a field is unknown or does not fit its type, or the message holds no number.
     """
 
     def __init__(self, msgtype: str, message: Mapping[str, Any], definitions: Definitions | None = None) -> None:
@@ -57,6 +57,9 @@ class MessageTemplate:
         walk.message(msgtype, "")
         if not 0 <= len(self._cdr) - walk.position < 4:
             msg = f"{msgtype}: {len(self._cdr) - walk.position} bytes of its CDR are in no field"
+            raise BagError(msg)
+        if not walk.found:
+            msg = f"{msgtype}: no number in this message that could differ"
             raise BagError(msg)
         names, formats, offsets = zip(*walk.found, strict=True)
         spec: Any = {"names": names, "formats": formats, "offsets": offsets, "itemsize": len(self._cdr)}

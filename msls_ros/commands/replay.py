@@ -80,6 +80,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         except (BagError, EstimationError, OSError) as error:
             print(f"replay: {error}", file=sys.stderr)
             results.append({"bag": str(bag), "error": str(error)})
+        except KeyboardInterrupt:
+            print(f"replay: {bag}: interrupted; {place} holds what was done", file=sys.stderr)
+            return 130
         else:
             for warning in results[-1]["warnings"]:
                 print(f"replay: warning: {warning}", file=sys.stderr)
@@ -114,9 +117,9 @@ def _places(bags: Sequence[Path], out: Path) -> list[Path]:
     places = [out / (f"{name}_{i}" if long.count(name) > 1 else name) for i, name in enumerate(long)]
     for bag in bags:
         own = bag.resolve()
-        for place in places:
-            if own == place.resolve() or place.resolve() in own.parents:
-                message = f"{bag}: the new bag would replace it; give another folder with --out"
+        for place in map(Path.resolve, places):
+            if own == place or place in own.parents or own in place.parents:
+                message = f"{bag}: the new bag {place} would replace it or be in it; give another folder with --out"
                 raise BagError(message)
     return places
 
