@@ -12,7 +12,7 @@ from mapped_messages import FRD_OF_FLU, NED_OF_ENU, quaternion, rotation
 
 from msls_ros.estimation import EffectorRow, EstimationError, InputAdapter, InputMap, Refused, StateRow, Synchronizer
 from msls_ros.estimation import adapt as adapt_messages
-from msls_ros.estimation.derivatives import DerivativeFilter
+from msls_ros.estimation.derivatives import DerivativeFilter, interval_weights, weigh
 from msls_ros.estimation.field_paths import FieldPath, VectorPath
 from msls_ros.estimation.frames import arctangent, continued, euler_angles, to_body, to_ned
 
@@ -174,6 +174,19 @@ def test_a_gap_empties_the_window_and_is_counted() -> None:
     stamps = [row.stamp // STEP for k in (0, 1, 2, 3, 20, 21, 22) for m in sample(k) for row in made.push(*m)]
     assert stamps == [1, 1, 2, 2, 21, 21]
     assert made.refused == Counter(gap=1)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_compiled_and_interpreted_kernels_give_the_same_bits(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    times, values, weights = np.cumsum(rng.uniform(0.005, 0.015, 9)), rng.normal(size=(9, 25)), interval_weights(8)
+    results = []
+    for kernel in (weigh, getattr(weigh, "py_func", weigh)):
+        smooth, slope = np.empty(25), np.empty(25)
+        results.append((kernel(times, values, weights, smooth, slope), smooth.tobytes(), slope.tobytes()))
+    assert results[0] == results[1]
+    interpreted = getattr(arctangent, "py_func", arctangent)
+    assert all(arctangent(y, x) == interpreted(y, x) for y, x in rng.normal(size=(2000, 2)).tolist())
 
 
 # One clock

@@ -195,24 +195,26 @@ def f16_profile(folder: Path) -> Path:
     return path
 
 
+@pytest.mark.parametrize("slow", [1, 2])
 @pytest.mark.parametrize("condition", ["high_alpha", "cruise"])
 def test_an_f16_mapped_from_ros_types_gives_a_and_b_within_five_percent_of_the_direct_ones(
-    condition: str, tmp_path: Path
+    condition: str, slow: int, tmp_path: Path
 ) -> None:
+    """Reliable parameters once a second; both are known to 5 %, so that a few may be further apart by chance."""
     flight, profile = f16(condition), f16_profile(tmp_path)
-    bag = write_bag(tmp_path / "bag", made.standard(flight, slow=1), tmp_path / "definitions")
+    bag = write_bag(tmp_path / "bag", made.standard(flight, slow=slow), tmp_path / "definitions")
     changes = {"estimator.forgetting_factor": 0.995, "estimator.penalty": 1e-3}
     configuration, inputs = read_profile(profile).replace({**WELL_KNOWN, **changes}), read_inputs(profile)
     assert inputs is not None
     found = read_bag(bag, inputs, configuration)
-    instants = np.rint(found.at).astype(int)
-    stop = np.searchsorted(instants, 1500)
-    mapped = identify(configuration, *(v[:stop] for v in (found.at, found.x, found.xdot, found.delta)))
-    at = np.arange(1500.0)
-    direct = identify(configuration, at, flight.x[:1500], flight.xdot[:1500], flight.delta[:1500])
-    off = differences(mapped, direct)
-    assert len(off) >= 9 and off.max() < 0.05
-    assert mapped.b[P, DDT] == pytest.approx(direct.b[P, DDT], rel=0.02)
+    mapped = Identifier(configuration).run(found.at / RATE, found.x, found.xdot, found.delta).estimates
+    at = np.arange(len(flight.x)) / RATE
+    direct = Identifier(configuration).run(at, flight.x, flight.xdot, flight.delta).estimates
+    seconds = range(7 * RATE, 20 * RATE, RATE)
+    pairs = [(mapped[np.searchsorted(found.at, k)], direct[k]) for k in seconds]
+    off = np.concatenate([differences(mine, theirs) for mine, theirs in pairs])
+    assert len(off) >= 120 and np.median(off) < 0.01 and np.mean(off < 0.05) > 0.95 and off.max() < 0.1
+    assert all(abs(mine.b[P, DDT] / theirs.b[P, DDT] - 1.0) < 0.03 for mine, theirs in pairs)
 
 
 def test_regressors_that_do_not_pass_the_window_of_the_derivative_bias_b_by_a_tenth_and_more() -> None:

@@ -12,14 +12,16 @@ from conftest import Bench
 from mapped_messages import rigid_flight
 from msls_msgs.msg import LinearModel
 from nav_msgs.msg import Odometry
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
 
 from msls_ros.commands.profiles import config_folder, read_inputs, read_profile
 from msls_ros.estimation import EstimationError, Identifier, InputAdapter, Synchronizer
 from msls_ros.nodes.identifier import IdentifierNode
-from msls_ros.nodes.inputs import subscribe
+from msls_ros.nodes.inputs import declare_inputs, subscribe
 from msls_ros.nodes.parameters import NodeError
+from msls_ros.plant import STATES
 
 PROFILE = "odometry_jointstate"
 FILE = str(config_folder() / "inputs" / f"{PROFILE}.yaml")
@@ -94,6 +96,23 @@ def test_live_and_offline_by_one_profile_are_equal_to_the_last_bit_also_played_t
     bench.expect(models, len(expected), "models")
     assert decoded(models) == expected
     assert decoded(models)[:45] == decoded(models)[45:]
+
+
+@pytest.mark.parametrize("profile", ["odometry_jointstate", "mavros_fixed_wing", "px4_odometry"])
+def test_ros_reads_the_same_from_a_profile_as_the_offline_tools(bench: Bench, profile: str) -> None:
+    arguments = ["--ros-args", "--params-file", str(config_folder() / "inputs" / f"{profile}.yaml")]
+    node = bench.adopt(Node("identifier", context=bench.context, cli_args=arguments))
+    live, file = declare_inputs(node), read_inputs(profile)
+    assert live is not None and file is not None
+    assert (
+        InputAdapter(live, STATES, ("de", "da", "dr")).topics == InputAdapter(file, STATES, ("de", "da", "dr")).topics
+    )
+    for one, other in ((live, file), (file, live)):
+        for name, stream in one.streams.items():
+            twin = other.streams[name]
+            assert (stream.path.text, stream.scale, stream.track) == (twin.path.text, twin.scale, twin.track)
+    assert (live.clock, live.maximum_age, live.intervals) == (file.clock, file.maximum_age, file.intervals)
+    assert live.imu_position == file.imu_position
 
 
 def test_a_field_that_does_not_exist_is_counted_and_the_node_lives(bench: Bench) -> None:
