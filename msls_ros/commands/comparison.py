@@ -68,7 +68,7 @@ class Comparison:
 def compare(bag: str | Path, configuration: Configuration) -> Comparison:
     """Read a recorded flight of the demo and identify it again with the peers."""
     flight = offline.load(bag)
-    samples, _ = offline.paired(flight, configuration)
+    samples, _ = offline.paired(bag, configuration)
     models = flight.topic("model")
     dither = [m for _, m in flight.topic("dither")]
     truth_b = _hold_truth(flight, samples.time)

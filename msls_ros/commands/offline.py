@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -27,8 +27,6 @@ from msls_ros.estimation import (
     Identifier,
     InputAdapter,
     InputMap,
-    PairedSample,
-    Refused,
     Synchronizer,
 )
 
@@ -256,33 +254,24 @@ def load(bag: str | Path) -> Flight:
     return flight
 
 
-def paired(flight: Flight, configuration: Configuration) -> tuple[Samples, Synchronizer]:
-    """Put a flight's states and deflections through the gate; return the samples, and the gate with its counts."""
+def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Synchronizer]:
+    """Put a bag's states and deflections through the gate; return the samples, and the gate with its counts.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be used at all, or holds not one sample.
+    """
     gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
-    made = list(_pair(flight, gate))
-    n, m = len(configuration.states), len(configuration.effectors)
-    samples = Samples(
-        time=np.array([s.time for s in made]),
-        x=np.array([s.x for s in made]).reshape(-1, n),
-        xdot=np.array([s.xdot for s in made]).reshape(-1, n),
-        delta=np.array([s.delta for s in made]).reshape(-1, m),
-    )
-    return samples, gate
-
-
-def _pair(flight: Flight, gate: Synchronizer) -> Iterator[PairedSample]:
-    inputs = [(stamp, 0, m) for stamp, m in flight.topic("state")] + [(t, 1, m) for t, m in flight.topic("effectors")]
-    for stamp, kind, m in sorted(inputs, key=lambda item: item[:2]):
-        try:
-            sample = (
-                gate.add_state(stamp, m.states, m.x, m.xdot)
-                if kind == 0
-                else gate.add_effectors(stamp, m.effectors, m.delta)
-            )
-        except Refused:
-            continue
-        if sample is not None:
-            yield sample
+    reader, source, _ = _open(Path(bag), configuration, ReplayOptions(), gate)
+    blocks = [b for batch in ordered_batches(reader, source.topics, source.longest_run) for b in source.segments(batch)]
+    blocks += source.rest()
+    if not blocks:
+        message = f"{bag}: not one sample"
+        raise BagError(message)
+    x, xdot, delta = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("x", "xdot", "delta"))
+    stamps = np.concatenate([block.stamps for block in blocks])
+    return Samples(np.multiply(stamps, 1e-9, dtype=np.float64), x, xdot, delta), gate
 
 
 def identify(samples: Samples, configuration: Configuration) -> list[Estimate]:
