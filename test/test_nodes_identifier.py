@@ -129,7 +129,7 @@ def test_is_refused_and_counted_and_the_estimate_stays_finite(fed: Feeder, what:
     assert messages.stamp_of(newest) == fed.k * STEP
 
 
-@pytest.mark.parametrize("size", [1e3, 1e6, 1e12])
+@pytest.mark.parametrize("size", [1e3, 1e6, 1e11, 1e12, 1e30, 1e150, 1e300])
 def test_enormous_numbers_leave_estimate_and_dither_finite(bench: Bench, size: float) -> None:
     feeder = Feeder(bench)
     feeder.feed(30)

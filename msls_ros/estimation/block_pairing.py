@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation.synchronizer import PENDING, Array, NamedVector, Refused, Synchronizer
+from msls_ros.estimation.synchronizer import LARGEST, PENDING, Array, NamedVector, Refused, Synchronizer
 
 
 class Stream(NamedTuple):
@@ -85,7 +85,7 @@ def _arranged(vector: NamedVector, stream: Stream) -> list[Array] | None:
         if values.shape != (len(stream.stamps), len(stream.names)):
             return None
         found = values[:, places.astype(np.intp)]
-        if not np.isfinite(found).all():
+        if not (np.abs(found) < LARGEST).all():
             return None
         arrays.append(found)
     return arrays

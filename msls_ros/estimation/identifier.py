@@ -26,6 +26,7 @@ from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
 from msls_ros.estimation.state import COLOURS, Settings, make_output
 from msls_ros.estimation.supervision import Supervisor
+from msls_ros.estimation.synchronizer import LARGEST
 
 
 @dataclass(frozen=True)
@@ -228,8 +229,10 @@ class Identifier:
             if array.shape != (len(time), width):
                 message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
                 raise EstimationError(message)
-            if not np.isfinite(array).all():
-                message = f"{name} holds a number that is not finite; expected finite numbers"
+            if not (np.abs(array) < LARGEST).all():
+                message = (
+                    f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
+                )
                 raise EstimationError(message)
 
     def estimate(self, time: float, x: Array) -> Estimate:

@@ -16,6 +16,9 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
+LARGEST = 1e12
+"""Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
+
 PENDING = 64
 """Unpaired samples kept per stream before the oldest is given up."""
 
@@ -76,7 +79,7 @@ class NamedVector:
         Raises
         ------
         Refused
-            For a name that is missing or repeated, a wrong length, or a number that is not finite.
+            For a name that is missing or repeated, a wrong length, or a number that is not finite or too large.
         """
         return self.arrange_fields(names, fields)
 
@@ -93,17 +96,20 @@ class NamedVector:
                 text = f"{self.kind} sample: {field} has {array.size} values; expected one per name, {len(names)}"
                 raise Refused("length", text)
             array = array[order]
-            if not math.isfinite(sum(array.tolist())):
-                self._check_finite(field, array)
+            if not sum(map(abs, array.tolist())) < LARGEST:
+                self._check_numbers(field, array)
             arrays.append(array)
         return tuple(arrays)
 
-    def _check_finite(self, field: str, array: Array) -> None:
-        """Refuse the first number that is not finite. A finite sum has none; that of huge numbers may overflow."""
+    def _check_numbers(self, field: str, array: Array) -> None:
+        """Refuse the first number that is not finite, or too large for any aircraft."""
         for name, number in zip(self.names, array.tolist(), strict=True):
             if not math.isfinite(number):
                 text = f"{self.kind} sample: {field} of {name} is {number}; expected a finite number"
                 raise Refused("not_finite", text)
+            if abs(number) >= LARGEST:
+                text = f"{self.kind} sample: {field} of {name} is {number:g}; expected less than {LARGEST:g} in size"
+                raise Refused("too_large", text)
 
     def _new_order(self, names: tuple[str, ...]) -> NDArray[np.intp]:
         """Return where our names stand among the message's; remembered per layout."""
