@@ -151,8 +151,8 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
     b43.update({name: _errors(c, name, fault, truth_before) for name in c.estimates})
     return {
         "detection": {
-            "time_s": first[0] if first else None,
-            "delay_s": first[0] - fault if first and fault is not None else None,
+            "time_s": round(first[0], 9) if first else None,
+            "delay_s": round(first[0] - fault, 9) if first and fault is not None else None,
             "equations": list(first[1]) if first else [],
         },
         "false_alarms": len(alarms) - len(after),
@@ -175,7 +175,7 @@ def _errors(c: Comparison, name: str, fault: float | None, truth_before: float) 
     post = c.time > fault
     late = c.time[post & (error > SETTLED)]
     return {
-        "settle_s": float(late[-1] - fault) if len(late) else 0.0,
+        "settle_s": round(float(late[-1] - fault), 9) if len(late) else 0.0,
         "rms_before": _rms(error[early & ~post]),
         "rms_after": _rms(error[c.time > fault + 1.0]),
         "peak_error": float(error[post].max()),

@@ -252,8 +252,9 @@ def inject(
         rms, why = choose_rms(law, unit, excitation[k], boosted)
         shape_noise(noise[k], rms, law.limits, delta[k], sequence, surface, out.delta[k])
         out.rms[k] = rms
-        out.predicted_acceleration[k] = unit * rms if rms > 0.0 else 0.0
-        out.acceleration_limit[k] = law.limit_boosted if boosted else law.limit_nominal
+        limit = law.limit_boosted if boosted else law.limit_nominal
+        out.predicted_acceleration[k] = min(unit * rms, limit) if rms > 0.0 else 0.0
+        out.acceleration_limit[k] = limit
         out.level[k] = 2 if boosted else 1
         out.reason[k] = why
 
