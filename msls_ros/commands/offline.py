@@ -144,7 +144,7 @@ def replay(
     warnings = list(reader.warnings) + (beside.warnings if beside else [])
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
-    if not output.samples:
+    if not output.samples and not warnings:
         warnings.append(f"{bag}: not one sample; {' and '.join(source.topics)} have no stamp in common that is usable")
     wall_time = time.perf_counter() - start
     return Replay(
