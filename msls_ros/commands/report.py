@@ -88,6 +88,7 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
             bag, arguments.params, arguments.namespace, lambda what, share: bar.show(_SHARE[what](share), what)
         )
         bar.show(60.0, "drawing")
+        _make_folder(out)
         from msls_ros.report.flight_report import FIGURES, make_report  # matplotlib takes a second to import
 
         report = make_report(flight, arguments.parameter)
@@ -122,10 +123,18 @@ def default_folder(bag: Path) -> Path:
     return whole.parent / ("report" if name == "bag" else f"{name}_report")
 
 
+def _make_folder(out: Path) -> None:
+    """Make the folder before anything is drawn for it."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        message = f"the folder '{out}' cannot be written: {error.strerror}"
+        raise OSError(message) from error
+
+
 def _write(out: Path, files: Sequence[tuple[Path, bytes]], ours: Sequence[Path]) -> None:
     """Write the files, and take away figures of an earlier report that this one does not have."""
     try:
-        out.mkdir(parents=True, exist_ok=True)
         for path, content in files:
             path.write_bytes(content)
         for path in set(ours) - {path for path, _ in files}:

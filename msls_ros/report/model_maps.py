@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -100,32 +101,33 @@ def _draw_matrix(axis: Axes, content: _Map, states: tuple[str, ...], true: Array
     axis.tick_params(length=0, labeltop=True, labelbottom=False)
     for spine in axis.spines.values():
         spine.set_visible(False)
-    scale = Normalize(-LIMIT, LIMIT)
     for i in range(n):
         for j in range(m):
-            known, reliable = bool(content.known[i, j]), bool(content.reliable[i, j])
-            strength = 1.0 if reliable else _PALE
-            colour = (
-                _KNOWN if known else to_hex(DIVERGING(scale(strength * np.clip(content.score[i, j], -LIMIT, LIMIT))))
-            )
-            hatch = None if known or reliable else "////"
-            axis.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, edgecolor="white", linewidth=1.5))
-            if hatch:
-                axis.add_patch(
-                    Rectangle(
-                        (j - 0.47, i - 0.46), 0.94, 0.92, fill=False, edgecolor="#c3cad2", linewidth=0, hatch=hatch
-                    )
-                )
-            strong = abs(content.score[i, j]) > 0.75 * LIMIT and reliable and not known
-            ink = "white" if strong else ("#4c5763" if known or not reliable else INK)
-            style = "italic" if known else "normal"
-            below = "" if known else (_number(true[i, j]) if true is not None else f"±{_number(content.std[i, j])}")
-            lift = 0.0 if known else -0.17
-            box = {"facecolor": colour, "edgecolor": "none", "pad": 0.6} if hatch else None
-            axis.text(j, i + lift, _number(content.value[i, j]), ha="center", va="center", fontsize=8.5, color=ink,
-                      style=style, fontweight="bold" if reliable and not known else "normal", bbox=box)  # fmt: skip
-            if below:
-                axis.text(j, i + 0.23, below, ha="center", va="center", fontsize=7.5, color=ink, bbox=box)
+            _draw_cell(axis, content, i, j, None if true is None else float(true[i, j]))
+
+
+def _draw_cell(axis: Axes, content: _Map, i: int, j: int, true: float | None) -> None:
+    """Draw one number, with its error or the truth below it."""
+    known, reliable = bool(content.known[i, j]), bool(content.reliable[i, j])
+    score = float(np.clip(content.score[i, j], -LIMIT, LIMIT))
+    colour = _KNOWN if known else to_hex(DIVERGING(0.5 + 0.5 * (1.0 if reliable else _PALE) * score / LIMIT))
+    axis.add_patch(Rectangle((j - 0.5, i - 0.5), 1, 1, facecolor=colour, edgecolor="white", linewidth=1.5))
+    if not known and not reliable:
+        hatch: dict[str, Any] = {"hatch": "////", "edgecolor": "#c3cad2", "linewidth": 0, "fill": False}
+        axis.add_patch(Rectangle((j - 0.47, i - 0.46), 0.94, 0.92, **hatch))
+    ink = "#4c5763" if known or not reliable else "white" if abs(score) > 0.75 * LIMIT else INK
+    style: dict[str, Any] = {"ha": "center", "va": "center", "color": ink}
+    if not known and not reliable:
+        style["bbox"] = {"facecolor": colour, "edgecolor": "none", "pad": 0.6}
+    value, std = float(content.value[i, j]), float(content.std[i, j])
+    if known:
+        axis.text(j, i, _number(value), fontsize=8.5, style="italic", **style)
+    else:
+        axis.text(j, i - 0.17, _number(value), fontsize=8.5, fontweight="bold" if reliable else "normal", **style)
+        below = f"±{_number(std)}" if true is None else _number(true)
+        axis.text(j, i + 0.23, below, fontsize=7.5, **style)
+    for artist in (*axis.texts[-2:], *axis.patches[-2:]):
+        artist.set_in_layout(False)
 
 
 def _number(value: float) -> str:
