@@ -148,6 +148,7 @@ def _replay(bag: Path, out: Path, parameters: Path, arguments: argparse.Namespac
             bar.show(share * size, f"{samples / max(time.monotonic() - start, 1e-9):,.0f} samples/s")
 
         result = replay(bag, out, configuration, options, show)
+        show(1.0, result.samples)
     return summary(bag, out, arguments.params or str(parameters), result)
 
 
