@@ -134,15 +134,15 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
 
     fault = scenario.fault_time if scenario.has_fault else None
     alarms = [t for t, kind, _ in c.events if kind == "detected"]
-    about = f"{scenario.description}\nsensor noise: {noise}, seed {seed}"
+    about = f"{scenario.description}; sensor noise {noise}, seed {seed}"
     paths = [out / "b43.png", out / "states.png", out / "dither.png"]
     common: dict[str, Any] = {"fault": fault, "alarms": alarms}
     figures.plot_parameter(
-        paths[0], c.time, c.truth, c.estimates, c.std, title=f"Roll power of the differential tail: {about}", **common
+        paths[0], c.time, c.truth, c.estimates, c.std, title=f"Roll power of the differential tail\n{about}", **common
     )
-    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, EFFECTORS, title=f"Flight: {about}", **common)
+    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, EFFECTORS, title=f"Flight\n{about}", **common)
     figures.plot_dither(
-        paths[2], c.time, c.dither, EFFECTORS, c.predicted, c.limit, c.realised, title=f"Dither: {about}", **common
+        paths[2], c.time, c.dither, EFFECTORS, c.predicted, c.limit, c.realised, title=f"Dither\n{about}", **common
     )
     return paths
 
