@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from rosbags.interfaces import Connection
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
@@ -14,6 +15,7 @@ from rosbags.rosbag2 import Writer as Ros2Writer
 from rosbags.typesys import Stores, get_typestore
 
 from msls_ros.bags import BagMessage, BagWriter, MessageTemplate, read, typestore
+from msls_ros.commands import replay as command
 
 BAGS = Path(__file__).resolve().parents[1] / "bags"
 FLIGHTS = ("intact_doublet", "tail_fault", "cruise_fault")
@@ -98,6 +100,25 @@ def write_ros1(bag: Path, messages: Iterable[BagMessage]) -> Path:
             old = store.types[msgtype](header=header(number, time(at.sec, at.nanosec), "base_link_frd"), **fields)
             writer.write(topics[topic], stamp, store.serialize_ros1(old, msgtype))
     return bag
+
+
+def shifted(message: BagMessage, by: int) -> BagMessage:
+    stamp = message.stamp_ns + by
+    seconds, nanoseconds = divmod(stamp, 1_000_000_000)
+    data = bytearray(message.data)
+    data[4:12] = seconds.to_bytes(4, "little") + nanoseconds.to_bytes(4, "little")
+    return message._replace(stamp_ns=stamp, data=bytes(data))
+
+
+def renamed(messages: list[BagMessage], **topics: str) -> list[BagMessage]:
+    return [message._replace(topic=topics.get(message.topic[1:], message.topic)) for message in messages]
+
+
+def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
+    """Run replay; return its exit code, stdout, and the lines on stderr but those of progress."""
+    code = command.main([str(a) for a in arguments])
+    out, err = capsys.readouterr()
+    return code, out, [line for line in err.splitlines() if not line.startswith("replaying ")]
 
 
 class Maker:

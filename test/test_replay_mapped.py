@@ -10,11 +10,10 @@ import mapped_messages as made
 import numpy as np
 import pytest
 from mapped_messages import Flight, rigid_flight, write_bag
-from replayed import outputs
+from replayed import outputs, run
 
 from msls_ros import bags
 from msls_ros.bags import BagWriter, read
-from msls_ros.commands import replay as command
 from msls_ros.commands.profiles import read_inputs, read_profile
 from msls_ros.estimation import Identifier, InputAdapter, Synchronizer, adapt
 
@@ -30,12 +29,6 @@ def flight() -> Flight:
 def bag_of(profile: str, flight: Flight, folder: Path) -> Path:
     sent = replace(flight, effectors=NAMES) if profile == "odometry_jointstate" else flight
     return write_bag(folder / "bag", ENCODERS[profile](sent), folder / "definitions")
-
-
-def run(capsys: pytest.CaptureFixture[str], *arguments: object) -> tuple[int, str, list[str]]:
-    code = command.main([str(a) for a in arguments])
-    out, err = capsys.readouterr()
-    return code, out, [line for line in err.splitlines() if not line.startswith("replaying ")]
 
 
 @pytest.mark.parametrize("profile", ENCODERS)
