@@ -37,6 +37,8 @@ class Recomputed:
     refused: dict[str, int]
     paired: int
     restarts: int
+    examples: dict[str, str] = field(default_factory=dict)
+    """The first refusal of each reason, in words."""
     signals: Stamped[tuple[Array, Array]] = field(default_factory=list)
     """Prediction errors and statistics, (r,) each."""
     models: Thinned[Estimate] = field(default_factory=Thinned)
@@ -87,7 +89,7 @@ def recompute(
     gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
     identifier = Identifier(configuration) if identify else None
     found = Recomputed({}, 0, 0)
-    for samples in _blocks(_paired(_in_order(inputs), gate)):
+    for samples in _blocks(_paired(_in_order(inputs), gate, found.examples)):
         if identifier is not None:
             _identify(identifier, samples, found)
         progress(min(1.0, 2.0 * gate.paired / len(inputs)))
@@ -104,7 +106,7 @@ def _in_order(inputs: list[Input]) -> Iterable[Input]:
     return heapq.merge(*streams, key=lambda message: message.logged)
 
 
-def _paired(inputs: Iterable[Input], gate: Synchronizer) -> Iterator[PairedSample]:
+def _paired(inputs: Iterable[Input], gate: Synchronizer, examples: dict[str, str]) -> Iterator[PairedSample]:
     for message in inputs:
         sample, paired = message.sample, None
         try:
@@ -116,7 +118,8 @@ def _paired(inputs: Iterable[Input], gate: Synchronizer) -> Iterator[PairedSampl
                 paired = gate.add_state(sample.stamp_ns, sample.names, values, rates)
             else:
                 paired = gate.add_effectors(sample.stamp_ns, sample.names, values)
-        except Refused:
+        except Refused as refused:
+            examples.setdefault(refused.reason, str(refused))
             continue
         if paired is not None:
             yield paired

@@ -315,7 +315,9 @@ class _Gathering:
             counts = {k.removeprefix("refused: "): int(v) for k, v in values.items() if k.startswith("refused: ")}
             found.append(Refusals(f"Counted in flight by {name.split(':')[0]} (/diagnostics, the last)", counts))
         if computed is not None:
-            found.append(Refusals("Counted by the identifier's gate when the bag was read", computed.refused))
+            found.append(
+                Refusals("Counted by the identifier's gate when the bag was read", computed.refused, computed.examples)
+            )
         return found
 
     def _settings(self) -> Sequence[Setting]:

@@ -212,8 +212,9 @@ class _Builder:
         for refusals in self.flight.refusals:
             body += f"<h3>{escape(refusals.source)}</h3>"
             if refusals.counts:
-                rows = [[reason, f"{count:,}"] for reason, count in sorted(refusals.counts.items())]
-                body += page.table(("reason", "messages"), rows, numbers=(1,))
+                heads = ("reason", "messages", "the first") if refusals.examples else ("reason", "messages")
+                rows = [[r, f"{count:,}", refusals.examples.get(r, "")] for r, count in sorted(refusals.counts.items())]
+                body += page.table(heads, [row[: len(heads)] for row in rows], numbers=(1,))
             else:
                 body += page.paragraphs(["No message was refused."])
         self._add("refusals", "Refusals", body or page.paragraphs(["The bag holds nothing that tells of refusals."]))

@@ -20,6 +20,8 @@ BAND = 1.96
 """Standard errors of a 95 % band."""
 _LARGE = 0.12
 """A large entry of B is at least this share of the largest of its row."""
+_CLEAR = 2.0
+"""An entry worth showing is at least so many standard errors from zero, in the median."""
 _PAPER = ("P", "ddt")
 """What the paper follows in its figures: dPdot/d ddt, which its text calls b43."""
 
@@ -77,7 +79,7 @@ def choose(models: Models) -> list[str]:
     found = []
     for i in models.identified:
         for j in range(len(models.effectors)):
-            if size[i, j] >= _LARGE * size[i].max() and strength[i, j] > 0.0:
+            if size[i, j] >= _LARGE * size[i].max() and strength[i, j] >= _CLEAR:
                 found.append((-float(models.b_reliable[:, i, j].any()), -float(strength[i, j]), i, j))
     best = [(i, j) for *_, i, j in sorted(found)[:MOST]]
     row, column = _PAPER

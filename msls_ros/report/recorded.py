@@ -139,6 +139,8 @@ class Refusals:
     """Who counted them, in words."""
     counts: Mapping[str, int]
     """By reason."""
+    examples: Mapping[str, str] = field(default_factory=dict)
+    """The first refusal of each reason, in words, where that is known."""
 
 
 @dataclass(frozen=True)
