@@ -15,11 +15,11 @@ from msls_ros.estimation import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
-from msls_ros.plant import CONDITIONS, EFFECTORS, STATES, Aircraft, Manoeuvre, Pilot, RollDoublet, Steady
+from msls_ros.plant import CONDITIONS, EFFECTORS, MANOEUVRES, STATES, Aircraft, Pilot, RollDoublet
 
 PARAMETERS = {
     "condition": fixed("high_alpha", "flight condition to hold", choices=CONDITIONS),
-    "manoeuvre": fixed("roll_doublet", "what to fly", choices=("roll_doublet", "steady")),
+    "manoeuvre": fixed("roll_doublet", "what to fly", choices=MANOEUVRES),
     "roll_rate": fixed(
         math.radians(6.0),
         "roll rate of the doublet; the default is the paper's two pounds of stick",
@@ -50,7 +50,9 @@ class PilotNode(Node):
         p = declare_table(self, PARAMETERS)
         warn_of_unknown(self)
         aircraft = Aircraft(CONDITIONS[p["condition"]])
-        manoeuvre: Manoeuvre = RollDoublet(rate=p["roll_rate"]) if p["manoeuvre"] == "roll_doublet" else Steady()
+        manoeuvre = MANOEUVRES[p["manoeuvre"]]
+        if isinstance(manoeuvre, RollDoublet):
+            manoeuvre = RollDoublet(rate=p["roll_rate"])
         self._pilot = Pilot(aircraft.trim, aircraft.truth(), manoeuvre)
         self._states = NamedVector("state", STATES)
         self._stamps = StampGate("state sample")

@@ -19,12 +19,23 @@ from msls_ros.estimation import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
-from msls_ros.plant import CONDITIONS, EFFECTORS, NOISE_LEVELS, STATES, SURFACES, Aircraft, PlantError, Sensors
+from msls_ros.plant import (
+    CONDITIONS,
+    EFFECTORS,
+    NOISE_LEVELS,
+    STATES,
+    SURFACES,
+    TURBULENCE,
+    Aircraft,
+    PlantError,
+    Sensors,
+)
 
 PARAMETERS = {
     "condition": fixed("high_alpha", "flight condition", choices=CONDITIONS),
     "noise": fixed("low", "sensor noise", choices=NOISE_LEVELS),
-    "seed": fixed(0, "seed of the sensor noise", low=0, high=2**31 - 1),
+    "turbulence": fixed("none", "turbulence of the air (MIL-F-8785C)", choices=TURBULENCE),
+    "seed": fixed(0, "seed of sensor noise and turbulence", low=0, high=2**31 - 1),
     "mode": fixed(
         "lockstep",
         "lockstep: wait for the answers to each sample; real_time: wall clock",
@@ -124,7 +135,10 @@ class PlantNode(Node):
 
     def _build(self) -> None:
         """Put a new aircraft at trim, time 0, with the sensors' noise from its beginning."""
-        self._aircraft = Aircraft(CONDITIONS[self._p["condition"]], rate=self._p["fdm_rate"])
+        p = self._p
+        self._aircraft = Aircraft(
+            CONDITIONS[p["condition"]], rate=p["fdm_rate"], turbulence=p["turbulence"], seed=p["seed"]
+        )
         self._sensors = Sensors(self._p["noise"], self._p["seed"])
         self._answers: dict[str, Any] = {"command": None, "dither": None}
         self._arrived = {"command": 0, "dither": 0}
