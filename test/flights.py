@@ -2,36 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 
 import numpy as np
 
-from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
-from msls_ros.plant import CONDITIONS, Aircraft, LinearTruth, Manoeuvre, Pilot, RollDoublet, Sensors
+from msls_ros.commands import closed_loop
+from msls_ros.commands.closed_loop import Fault, Flight, FlightLog
+from msls_ros.estimation import Configuration
+from msls_ros.plant import Manoeuvre, RollDoublet, Sample, Sensors
 
-STEPS = 2
-"""Steps of the flight dynamics per sample: 100 Hz and 50 Hz."""
+__all__ = ["FlightLog", "fly"]
 
 
-@dataclass
-class FlightLog:
-    """What a flight left behind; one entry per sample, truth every tenth."""
+def coloured_sensors(noise: str, seed: int, colour: float) -> Callable[[Sample], Sample]:
+    """Return sensors whose noise of xdot is AR(1) with this autocorrelation."""
+    white = Sensors(noise, seed)
+    disturbance: np.ndarray | None = None
 
-    time: list[float] = field(default_factory=list)
-    x: list[np.ndarray] = field(default_factory=list)
-    xdot: list[np.ndarray] = field(default_factory=list)
-    delta: list[np.ndarray] = field(default_factory=list)
-    estimates: list[Estimate] = field(default_factory=list)
-    truths: dict[int, LinearTruth] = field(default_factory=dict)
+    def measure(sample: Sample) -> Sample:
+        nonlocal disturbance
+        measured = white.measure(sample)
+        fresh = measured.xdot - sample.xdot
+        disturbance = fresh if disturbance is None else colour * disturbance + np.sqrt(1 - colour**2) * fresh
+        return Sample(measured.time, measured.x, sample.xdot + disturbance, measured.delta)
 
-    @property
-    def events(self) -> list[FaultEvent]:
-        return [event for estimate in self.estimates for event in estimate.events]
-
-    def alarms(self, rows: Sequence[str] = ("u", "v", "w", "P", "Q", "R")) -> list[float]:
-        found = [e for e in self.events if e.kind == EventKind.DETECTED]
-        return [e.time for e in found if set(e.equations) & set(rows)]
+    return measure
 
 
 def fly(
@@ -46,29 +41,13 @@ def fly(
     colour: float = 0.0,
 ) -> FlightLog:
     """Fly; ``fault`` is time, surface, what is left of it; ``colour`` makes the noise of xdot AR(1)."""
-    aircraft = Aircraft(CONDITIONS["high_alpha"], turbulence=turbulence, seed=seed)
-    pilot = Pilot(aircraft.trim, aircraft.truth(), manoeuvre or RollDoublet())
-    sensors, identifier, log = Sensors(noise, seed), Identifier(configuration), FlightLog()
-    disturbance: np.ndarray | None = None
-    for k in range(round(duration * 50)):
-        sample = aircraft.sample()
-        measured = sensors.measure(sample)
-        xdot = measured.xdot
-        if colour > 0.0:
-            fresh = xdot - sample.xdot
-            disturbance = fresh if disturbance is None else colour * disturbance + np.sqrt(1 - colour**2) * fresh
-            xdot = sample.xdot + disturbance
-        estimate = identifier.update(measured.time, measured.x, xdot, measured.delta)
-        log.time.append(measured.time)
-        log.x.append(measured.x)
-        log.xdot.append(xdot)
-        log.delta.append(measured.delta)
-        log.estimates.append(estimate)
-        if k % 10 == 0:
-            log.truths[k] = aircraft.truth()
-        command = pilot.command(measured.time, measured.x) + estimate.dither.delta
-        if fault is not None and abs(aircraft.time - fault[0]) < 1e-6:
-            aircraft.damage(fault[1], fault[2])
-        for _ in range(STEPS):
-            aircraft.step(command)
-    return log
+    flight = Flight(
+        noise,
+        seed,
+        duration,
+        manoeuvre=manoeuvre or RollDoublet(),
+        fault=Fault(*fault) if fault else None,
+        turbulence=turbulence,
+        sensors=coloured_sensors(noise, seed, colour) if colour > 0.0 else None,
+    )
+    return closed_loop.fly(configuration, flight)
