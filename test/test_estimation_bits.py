@@ -1,6 +1,6 @@
 """The numbers are the same to the last bit on every machine and Python: their hash is pinned here.
 
-A change of the arithmetic changes the hash, and with it what a bag replays to: say so in the commit that pins a new one.
+A change of the arithmetic changes the hash, and with it what a bag replays to: say so in the commit that pins another.
 """
 
 from __future__ import annotations
