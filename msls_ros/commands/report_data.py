@@ -312,7 +312,8 @@ class _Gathering:
     def _refusals(self, computed: Recomputed | None) -> list[Refusals]:
         found = []
         for name, values in sorted(self.record.diagnostics.items()):
-            counts = {k.removeprefix("refused: "): int(v) for k, v in values.items() if k.startswith("refused: ")}
+            refused = {k.removeprefix("refused: "): v for k, v in values.items() if k.startswith("refused: ")}
+            counts = {reason: int(count) for reason, count in refused.items() if count.isdecimal()}
             found.append(Refusals(f"Counted in flight by {name.split(':')[0]} (/diagnostics, the last)", counts))
         if computed is not None:
             found.append(

@@ -110,7 +110,7 @@ class _Builder:
         begin, end = flight.span
         tiles = [(f"{end - begin:.1f} s", "of flight" if flight.samples is None else f"{flight.samples:,} samples")]
         if flight.models is not None:
-            tiles.append((str(len(flight.alarms)), "alarms"))
+            tiles.append((str(len(flight.alarms)), "alarm" if len(flight.alarms) == 1 else "alarms"))
         if self.changes:
             first = self.changes[0].time
             alarm = next((e.time for e in flight.alarms if first < e.time <= first + words.ALARM_WINDOW), None)

@@ -115,10 +115,9 @@ def _draw_cell(axis: Axes, content: _Map, i: int, j: int, true: float | None) ->
     if not known and not reliable:
         hatch: dict[str, Any] = {"hatch": "////", "edgecolor": "#c3cad2", "linewidth": 0, "fill": False}
         axis.add_patch(Rectangle((j - 0.47, i - 0.46), 0.94, 0.92, **hatch))
+        axis.add_patch(Rectangle((j - 0.36, i - 0.34), 0.72, 0.7, facecolor=colour, edgecolor="none"))
     ink = "#4c5763" if known or not reliable else "white" if abs(score) > 0.75 * LIMIT else INK
     style: dict[str, Any] = {"ha": "center", "va": "center", "color": ink}
-    if not known and not reliable:
-        style["bbox"] = {"facecolor": colour, "edgecolor": "none", "pad": 0.6}
     value, std = float(content.value[i, j]), float(content.std[i, j])
     if known:
         axis.text(j, i, _number(value), fontsize=8.5, style="italic", **style)
@@ -126,7 +125,7 @@ def _draw_cell(axis: Axes, content: _Map, i: int, j: int, true: float | None) ->
         axis.text(j, i - 0.17, _number(value), fontsize=8.5, fontweight="bold" if reliable else "normal", **style)
         below = f"±{_number(std)}" if true is None else _number(true)
         axis.text(j, i + 0.23, below, fontsize=7.5, **style)
-    for artist in (*axis.texts[-2:], *axis.patches[-2:]):
+    for artist in (*axis.texts[-2:], *axis.patches[-3:]):
         artist.set_in_layout(False)
 
 

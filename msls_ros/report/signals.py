@@ -17,6 +17,7 @@ from msls_ros.report.style import (
     MUTED,
     ORANGE,
     PINK,
+    SKY,
     UNITS,
     WIDTH,
     Drawn,
@@ -69,7 +70,8 @@ def _residual_band(axis: Axes, models: Models | None, name: str) -> None:
         return
     few = every(len(models.time))
     std = models.residual_std[few, models.states.index(name)]
-    axis.fill_between(models.time[few], -std, std, color=BLUE, alpha=0.22, linewidth=0, label="± residual std")
+    for sign, label in ((1.0, "± residual std"), (-1.0, None)):
+        axis.plot(models.time[few], sign * std, color=SKY, linewidth=1.8, zorder=3, label=label)
 
 
 def _statistic(axis: Axes, detection: Detection, q: int) -> None:

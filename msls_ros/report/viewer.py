@@ -38,7 +38,7 @@ figcaption { color: var(--muted); font-size: .92rem; max-width: 62rem; margin-to
 .scroll { overflow-x: auto; }
 table { border-collapse: collapse; font-size: .93rem; font-variant-numeric: tabular-nums; margin: .3rem 0 .8rem; }
 th, td { text-align: left; padding: .28rem .9rem .28rem 0; border-bottom: 1px solid var(--rule); vertical-align: top; }
-th { font-weight: 600; color: var(--muted); } td.n, th.n { text-align: right; }
+th { font-weight: 600; color: var(--muted); white-space: nowrap; } td.n, th.n { text-align: right; }
 code { font: .92em ui-monospace, "SF Mono", Consolas, "DejaVu Sans Mono", monospace; overflow-wrap: anywhere; }
 summary { cursor: pointer; color: var(--blue); margin: .3rem 0; }
 footer { color: var(--muted); font-size: .88rem; padding-bottom: 2.5rem; }
@@ -58,8 +58,8 @@ SCRIPT = """
   let x = 0, y = 0, w = 1, shape = 1, from = null;
   const place = () => { big.style.left = x + 'px'; big.style.top = y + 'px'; big.style.width = w + 'px'; };
   const fit = () => {
-    w = Math.min(innerWidth - 40, (innerHeight - 40) / shape);
-    x = (innerWidth - w) / 2; y = (innerHeight - w * shape) / 2; place();
+    w = Math.min(innerWidth - 40, (innerHeight - 80) / shape);
+    x = (innerWidth - w) / 2; y = (innerHeight + 40 - w * shape) / 2; place();
   };
   const zoom = (by, cx, cy) => {
     const next = Math.min(20000, Math.max(200, w * by));
