@@ -99,20 +99,7 @@ class McapScanner:
         self._stream.close()
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
-        """Yield the messages of a chunk at a time.
-
-        Parameters
-        ----------
-        wanted : callable
-            Whether a topic is to be read.
-        warn : callable
-            Gets half a sentence for each kind of damage.
-
-        Yields
-        ------
-        list of BagMessage
-            In the order in which they were written.
-        """
+        """Yield the messages of a chunk at a time; see `Scanner.batches`."""
         complete = False
         while not complete:
             start = self._position

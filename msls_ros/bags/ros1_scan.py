@@ -85,20 +85,7 @@ class Ros1Scanner:
         self._stream.close()
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
-        """Yield the messages of a chunk at a time, in ROS 1 serialisation; see `Scanner.batches`.
-
-        Parameters
-        ----------
-        wanted : callable
-            Whether a topic is to be read.
-        warn : callable
-            Gets half a sentence for each kind of damage.
-
-        Yields
-        ------
-        list of BagMessage
-            In the order in which they were written.
-        """
+        """Yield the messages of a chunk at a time, in ROS 1 serialisation; see `Scanner.batches`."""
         end = ""
         self._stream.seek(self._position)
         while self._position < self._size:

@@ -75,20 +75,7 @@ class SqliteScanner:
         self._connection.close()
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
-        """Yield the messages of some rows at a time; see `Scanner.batches`.
-
-        Parameters
-        ----------
-        wanted : callable
-            Whether a topic is to be read.
-        warn : callable
-            Gets half a sentence for each kind of damage.
-
-        Yields
-        ------
-        list of BagMessage
-            In the order in which they were written.
-        """
+        """Yield the messages of some rows at a time; see `Scanner.batches`."""
         names = {number: (topic.name, topic.msgtype) for number, topic in self._topics.items() if wanted(topic.name)}
         batch: list[BagMessage] = []
         malformed = 0

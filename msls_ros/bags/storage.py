@@ -90,6 +90,18 @@ class Scanner(Protocol):
 
         Damage never raises: what is readable is yielded and `warn` gets half a sentence for each kind
         of damage; the reader puts the name of the file before them.
+
+        Parameters
+        ----------
+        wanted : callable
+            Whether a topic is to be read.
+        warn : callable
+            Gets half a sentence for each kind of damage.
+
+        Yields
+        ------
+        list of BagMessage
+            In the order in which they were written.
         """
         ...
 

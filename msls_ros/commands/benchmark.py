@@ -11,31 +11,26 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from msls_ros.commands.arguments import OneLineParser, count
+
 ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = argparse.ArgumentParser(prog="benchmark", description=__doc__.split(": ", 1)[1])
+    result = OneLineParser(prog="benchmark", description=__doc__.split(": ", 1)[1])
     commands = result.add_subparsers(dest="command", required=True, metavar="COMMAND")
     kernel = commands.add_parser("kernel", help="time per update at p = 17, 9 rows and p = 8, 3 rows, one thread")
-    kernel.add_argument("--rounds", type=_count, default=25, help="how often each is timed (default: 25)")
+    kernel.add_argument("--rounds", type=count, default=25, help="how often each is timed (default: 25)")
     stress = commands.add_parser("stress", help="two regressors almost alike: first NaN and peak error")
-    stress.add_argument("--samples", type=_count, default=100_000, help="length of the stream (default: 100000)")
+    stress.add_argument("--samples", type=count, default=100_000, help="length of the stream (default: 100000)")
     replay = commands.add_parser("replay", help="offline identification from a bag beside what reading alone costs")
-    replay.add_argument("--samples", type=_count, default=300_000, help="length of the bag (default: 300000)")
-    replay.add_argument("--every", type=_count, default=10, help="samples per model (default: 10)")
+    replay.add_argument("--samples", type=count, default=300_000, help="length of the bag (default: 300000)")
+    replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
     for command in (kernel, stress, replay):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a count; expected a whole number from 1"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

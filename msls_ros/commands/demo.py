@@ -9,24 +9,17 @@ import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from rclpy.logging import LoggingSeverity, set_logger_level
 
+from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.scenarios import BY_NOISE, SCENARIOS, Scenario
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.plant import EFFECTORS
-
-
-class OneLineParser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message without the usage, and exit with 2."""
-        self.exit(2, f"{self.prog}: {message}; --help tells more\n")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -46,18 +39,11 @@ def parser() -> argparse.ArgumentParser:
         help="what to fly (below)",
     )
     result.add_argument("--noise", default="low", choices=list(BY_NOISE), help="sensor noise (default: low)")
-    result.add_argument("--seed", type=_seed, default=0, help="of sensor noise and dither (default: 0)")
+    result.add_argument("--seed", type=seed, default=0, help="of sensor noise and dither (default: 0)")
     result.add_argument("--out", type=Path, help="folder for bag, summary and figures (default: out/SCENARIO)")
     result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
     result.add_argument("--json", action="store_true", help="print summary.json on stdout and nothing else")
     return result
-
-
-def _seed(text: str) -> int:
-    if not (text.isascii() and text.isdigit()) or int(text) >= 2**31:
-        message = f"{text!r} is not a seed; expected a whole number from 0 to {2**31 - 1}"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -110,19 +110,24 @@ def fly(
         plant: PlantNode = add(PlantNode, _plant_parameters(scenario, noise, seed))
         nodes = [recorder, pilot, identifier, plant]
         _connect(executor, nodes)
-        start = time.monotonic()
-        plant.start()
-        shown = 0
-        while not plant.finished.done():
-            executor.spin_once(timeout_sec=1.0)
-            if plant.samples > shown:
-                shown = plant.samples
-                progress(shown * plant.sample_period)
-        wall_time = time.monotonic() - start
+        wall_time = _spin_flight(executor, plant, progress)
         _drain(executor, recorder, identifier, plant)
         _refuse_strangers(nodes)
         refused = Counter(identifier.synchronizer.refused) + pilot.refused + plant.refused
         return FlightRecord(bag, plant.samples, wall_time, plant.time_outs, dict(refused))
+
+
+def _spin_flight(executor: SingleThreadedExecutor, plant: PlantNode, progress: Callable[[float], None]) -> float:
+    """Spin from the first sample to the last; return how long it took [s]."""
+    start = time.monotonic()
+    plant.start()
+    shown = 0
+    while not plant.finished.done():
+        executor.spin_once(timeout_sec=1.0)
+        if plant.samples > shown:
+            shown = plant.samples
+            progress(shown * plant.sample_period)
+    return time.monotonic() - start
 
 
 def domain() -> int:

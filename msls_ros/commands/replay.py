@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.bags import BagError
+from msls_ros.commands.arguments import OneLineParser, count
 from msls_ros.commands.offline import Replay, ReplayOptions, kept_parameters, replay
 from msls_ros.commands.profiles import profile_path, read_inputs, read_profile
 from msls_ros.commands.progress import Progress
@@ -28,7 +29,7 @@ for a damaged bag of which a part was read (with warnings), 2 for one that gave 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = argparse.ArgumentParser(
+    result = OneLineParser(
         prog="replay",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Identify from rosbag2 (MCAP, sqlite3; directory or file; compressed) and ROS 1 bags.",
@@ -38,7 +39,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--params", metavar="FILE", help="a parameter file, or the name of a shipped one (f16_cruise)")
     result.add_argument("--out", type=Path, help=f"folder for the new bags (default: {DEFAULT_OUT}, replaced)")
     result.add_argument("--overwrite", action="store_true", help="replace bags in the folder given with --out")
-    result.add_argument("--every", type=_count, default=1, metavar="N", help="samples per model (default: 1)")
+    result.add_argument("--every", type=count, default=1, metavar="N", help="samples per model (default: 1)")
     result.add_argument("--merge", action="store_true", help="write the input beside the output")
     result.add_argument("--namespace", metavar="NS", help="which aircraft, where a bag has several")
     result.add_argument(
@@ -51,13 +52,6 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument("--json", action="store_true", help="print a JSON list, one object for each bag")
     return result
-
-
-def _count(text: str) -> int:
-    if not text.isdigit() or int(text) < 1:
-        message = f"{text!r} is not a count; expected a whole number from 1"
-        raise argparse.ArgumentTypeError(message)
-    return int(text)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

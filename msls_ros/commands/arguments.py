@@ -1,0 +1,32 @@
+"""Command lines: a wrong one is refused in one line that says what would be right."""
+
+from __future__ import annotations
+
+import argparse
+from typing import NoReturn
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """Says what is wrong with the command line in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Print the message without the usage, and exit with 2."""
+        self.exit(2, f"{self.prog}: {message}; --help tells more\n")
+
+
+def count(text: str) -> int:
+    """Return a whole number from 1."""
+    return _whole(text, 1, None, "count")
+
+
+def seed(text: str) -> int:
+    """Return a whole number from 0 that fits a 32-bit seed."""
+    return _whole(text, 0, 2**31 - 1, "seed")
+
+
+def _whole(text: str, low: int, high: int | None, what: str) -> int:
+    if not (text.isascii() and text.isdigit()) or int(text) < low or (high is not None and int(text) > high):
+        limits = f"from {low}" if high is None else f"from {low} to {high}"
+        message = f"{text!r} is not a {what}; expected a whole number {limits}"
+        raise argparse.ArgumentTypeError(message)
+    return int(text)
