@@ -7,9 +7,10 @@ import json
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 from msls_ros.bags import BagError
+from msls_ros.commands.arguments import OneLineParser
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.report_data import gather
 from msls_ros.estimation import EstimationError
@@ -23,17 +24,9 @@ computed again from the inputs where the configuration is known: --params, or id
 PAGE = "report.html"
 
 
-class _Parser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message without the usage, and exit with 2."""
-        self.exit(2, f"{self.prog}: {message}; --help tells more\n")
-
-
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = _Parser(
+    result = OneLineParser(
         prog="report",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Write a report of a recorded flight: one HTML page without external files, and PNG figures.",
