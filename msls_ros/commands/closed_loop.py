@@ -1,7 +1,7 @@
 """The simulated F-16 in closed loop with an identifier, in this process and without ROS: for many flights.
 
-What happens in a sample is what the nodes do in lockstep: the aircraft is measured, the identifier takes the sample, the
-pilot answers, and pilot plus dither fly the aircraft to the next sample. A fault strikes between two samples.
+What happens in a sample is what the nodes do in lockstep: the aircraft is measured, the identifier takes the sample,
+the pilot answers, and pilot plus dither fly the aircraft to the next sample. A fault strikes between two samples.
 """
 
 from __future__ import annotations
@@ -91,10 +91,12 @@ class FlightLog:
         found = [e for e in self.events if e.kind == EventKind.DETECTED]
         return [e.time for e in found if set(e.equations) & set(rows)]
 
-    def truth(self, pick: Callable[[LinearTruth], float]) -> Array:
-        """Return a number of the truth at every sample, (n,): linear between those where the truth was taken."""
-        at = np.array(list(self.truths))
-        return np.interp(np.arange(len(self.time)), at, [pick(truth) for truth in self.truths.values()])
+    def truth(self, pick: Callable[[LinearTruth], Array]) -> Array:
+        """Return a matrix of the truth at every sample, (n, ...): linear between those where the truth was taken."""
+        at, now = np.array(list(self.truths)), np.arange(len(self.time))
+        taken = np.array([pick(truth) for truth in self.truths.values()])
+        columns = [np.interp(now, at, column) for column in taken.reshape(len(at), -1).T]
+        return np.stack(columns, axis=1).reshape(-1, *taken.shape[1:])
 
     def identify(self, configuration: Configuration) -> list[Estimate]:
         """Return what an identifier says that sees the same samples without flying: one estimate per sample."""
