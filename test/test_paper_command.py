@@ -27,12 +27,12 @@ def test_json_is_one_object_with_the_table_the_claims_and_the_figures(
         assert row["ok"] == ((low is None or low <= row["measured"]) and (high is None or row["measured"] <= high))
     assert {claim["verdict"] for claim in result["claims"]} <= {"reproduced", "partly", "not"}
     assert all(claim["number"] for claim in result["claims"])
-    assert [Path(path).name for path in result["figures"]] == [f"figure_{n}.png" for n in range(1, 7)]
+    assert [Path(path).name for path in result["figures"]] == [f"figure_{n}.png" for n in range(1, 10)]
     for path in result["figures"]:
         image = matplotlib.image.imread(path)
         assert image.shape[0] > 600 and image.shape[1] > 1000
         assert image.std() > 0.05
-    assert len(list((tmp_path / "deep" / "out").iterdir())) == 6
+    assert len(list((tmp_path / "deep" / "out").iterdir())) == 9
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_a_row_out_of_bounds_is_shown_and_changes_the_exit_code(
 ) -> None:
     def outcome(measured: float) -> int:
         table = [Statistic("some error", measured, high=1.0)]
-        monkeypatch.setattr(paper, "run", lambda _: (table, [], [], []))
+        monkeypatch.setattr(paper, "run", lambda _: paper.Outcome(table))
         return paper.main(["--no-figures"])
 
     assert outcome(1.0) == 0
@@ -85,7 +85,7 @@ def test_numbers_that_are_not_finite_are_null_in_json() -> None:
 
 
 def test_no_figures_writes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(paper, "run", lambda _: ([], [], [], []))
+    monkeypatch.setattr(paper, "run", lambda _: paper.Outcome())
     assert paper.main(["--no-figures", "--out", str(tmp_path / "out")]) == 0
     assert not list(tmp_path.iterdir())
 

@@ -100,8 +100,8 @@ class FlightLog:
 
     def identify(self, configuration: Configuration) -> list[Estimate]:
         """Return what an identifier says that sees the same samples without flying: one estimate per sample."""
-        samples = (np.array(one) for one in (self.time, self.x, self.xdot, self.delta))
-        return Identifier(configuration).run(*samples).estimates
+        time, x, xdot, delta = (np.array(one) for one in (self.time, self.x, self.xdot, self.delta))
+        return Identifier(configuration).run(time, x, xdot, delta).estimates
 
 
 def fly(configuration: Configuration, flight: Flight) -> FlightLog:

@@ -1,4 +1,4 @@
-"""Reproduce the paper's linear experiments: Figs 1-6, its claims and the acceptance table, on many seeds."""
+"""Reproduce the paper: Figs 1-9, its claims and the acceptance table, on many seeds."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, NoReturn
 
+from msls_ros.commands.flight_experiments import count_flights, flights_of, run_flights
 from msls_ros.commands.linear_experiments import Statistic, acceptance, run_experiments
 from msls_ros.commands.linear_questions import (
     Finding,
@@ -23,16 +24,25 @@ from msls_ros.commands.linear_questions import (
     answer_precision,
 )
 from msls_ros.commands.paper_claims import Claim, figures_of, judge_claims
+from msls_ros.commands.paper_flight_figures import flight_figures
+from msls_ros.commands.paper_flights import (
+    Row,
+    claims_on_flights,
+    flight_acceptance,
+    render_rows,
+    rows_of,
+)
 from msls_ros.commands.progress import Progress
 from msls_ros.report.paper_figures import draw_figure
 
 MOST_SEEDS = 1000
 WIDTH = 116
-STEPS = 8 + 1 + 5 + 1 + 6
+STEPS = 8 + 1 + 5 + 1 + 9
+"""Besides the flights: experiments, table, questions, claims, figures."""
 ABOUT = (
-    "Runs the two linear experiments of the paper (eqs 15-17) on many seeds; prints the acceptance table, the paper's "
-    "claims with what was measured, and answers to colder questions; draws Figs 1-6. The bounds of the table hold for "
-    "100 seeds. "
+    "Runs the two linear experiments of the paper (eqs 15-17) and its F-16 flights (without ROS) on many seeds; prints "
+    "the acceptance table, the flights' numbers, the paper's claims with what was measured, and answers to colder "
+    "questions; draws Figs 1-9. The bounds of the table hold for 100 seeds. "
     "Exit code: 0 if every row of the table is within its bounds, 1 if not, 2 for wrong usage."
 )
 
@@ -56,7 +66,13 @@ def _seeds(text: str) -> int:
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; exits with 2 and one line where it is wrong."""
     parser = _Parser("paper", description=ABOUT, allow_abbrev=False)
-    parser.add_argument("--seeds", type=_seeds, default=100, metavar="N", help="random numbers 0 to N-1 (default: 100)")
+    parser.add_argument(
+        "--seeds",
+        type=_seeds,
+        default=100,
+        metavar="N",
+        help="random numbers 0 to N-1 of the linear experiments; half as many flights, 3 or more (default: 100)",
+    )
     parser.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="FOLDER", help="for the figures (default: out/paper)"
     )
@@ -117,7 +133,18 @@ def render_findings(findings: list[Finding]) -> str:
     return "\n".join(lines)
 
 
-def run(options: argparse.Namespace) -> tuple[list[Statistic], list[Claim], list[Finding], list[Path]]:
+@dataclasses.dataclass(frozen=True)
+class Outcome:
+    """What was measured, and the figures written."""
+
+    table: list[Statistic] = dataclasses.field(default_factory=list)
+    flights: list[Row] = dataclasses.field(default_factory=list)
+    claims: list[Claim] = dataclasses.field(default_factory=list)
+    findings: list[Finding] = dataclasses.field(default_factory=list)
+    paths: list[Path] = dataclasses.field(default_factory=list)
+
+
+def run(options: argparse.Namespace) -> Outcome:
     """Measure everything and draw the figures.
 
     Parameters
@@ -125,8 +152,9 @@ def run(options: argparse.Namespace) -> tuple[list[Statistic], list[Claim], list
     options
         Of `parse`.
     """
-    steps = 0
-    with Progress("paper", STEPS, "steps") as progress:
+    steps, count = 0, flights_of(options.seeds)
+    total = STEPS + count_flights(count)
+    with Progress("paper", total, "steps") as progress:
 
         def step() -> None:
             nonlocal steps
@@ -144,22 +172,31 @@ def run(options: argparse.Namespace) -> tuple[list[Statistic], list[Claim], list
         for answer in (answer_numerics, answer_information, answer_precision):
             findings += answer()
             step()
-        claims = judge_claims(runs, findings, options.seeds)
+        flights = run_flights(count, step)
+        table += flight_acceptance(flights)
+        claims = judge_claims(runs, findings, options.seeds) + claims_on_flights(flights)
         step()
         paths = []
-        for figure in [] if options.no_figures else figures_of(runs):
+        for figure in [] if options.no_figures else [*figures_of(runs), *flight_figures(flights)]:
             paths.append(options.out / f"figure_{figure.number}.png")
             draw_figure(figure, paths[-1])
             step()
-        progress.show(STEPS)
-    return table, claims, findings, paths
+        progress.show(total)
+    return Outcome(table, rows_of(flights), claims, findings, paths)
+
+
+def finite_only(value: Any) -> Any:
+    """Give JSON with null in the place of every number that is not finite."""
+    if isinstance(value, dict):
+        return {key: finite_only(one) for key, one in value.items()}
+    return _finite(value) if isinstance(value, float) else value
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     options = parse(arguments)
     try:
-        table, claims, findings, paths = run(options)
+        found = run(options)
     except OSError as error:
         print(f"paper: a figure cannot be written: {error}", file=sys.stderr)
         return 2
@@ -168,25 +205,28 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.json:
         result = {
             "seeds": options.seeds,
-            "table": [row_of(one) for one in table],
-            "claims": [dataclasses.asdict(one) for one in claims],
-            "questions": [{**dataclasses.asdict(one), "value": _finite(one.value)} for one in findings],
-            "figures": [str(path) for path in paths],
+            "table": [row_of(one) for one in found.table],
+            "flights": [finite_only(dataclasses.asdict(one)) for one in found.flights],
+            "claims": [dataclasses.asdict(one) for one in found.claims],
+            "questions": [finite_only(dataclasses.asdict(one)) for one in found.findings],
+            "figures": [str(path) for path in found.paths],
         }
         print(json.dumps(result, allow_nan=False))
     else:
-        print(f"The paper's linear experiments on {options.seeds} seeds\n")
         print(
-            render_table(table),
+            f"The paper's linear experiments on {options.seeds} seeds, its flights on {flights_of(options.seeds)}\n",
+            render_table(found.table),
+            "\n\nThe flights of the F-16\n",
+            render_rows(found.flights),
             "\n\nThe paper's claims\n",
-            render_claims(claims),
+            render_claims(found.claims),
             "",
-            render_findings(findings),
+            render_findings(found.findings),
             sep="\n",
         )
-        if paths:
-            print("", f"Figures: {paths[0]} to {paths[-1].name}", sep="\n")
-    return 0 if all(one.ok for one in table) else 1
+        if found.paths:
+            print("", f"Figures: {found.paths[0]} to {found.paths[-1].name}", sep="\n")
+    return 0 if all(one.ok for one in found.table) else 1
 
 
 if __name__ == "__main__":
