@@ -54,7 +54,7 @@ def test_msls_tells_the_roll_due_to_heave_where_rls_is_ten_times_worse(flights: 
 
 
 def test_elsewhere_it_is_not_told_and_nowhere_called_reliable(flights: Flights) -> None:
-    assert len(flights.variations) == 3
+    assert len(flights.variations) == 4
     for one in flights.variations.values():
         assert np.median(one.correlation("msls")) < 0.7
         assert one.reliable < 0.05

@@ -29,8 +29,8 @@ from msls_ros.plant import STATES, Manoeuvre, RollDoublet, StrongManoeuvre
 Array = NDArray[np.float64]
 
 ROLL, HEAVE = STATES.index("P"), STATES.index("w")
-MOST_EXCITING, FEW = 10, 3
-"""Flights of Figs 7-8, and of each variation of them."""
+MOST_EXCITING, FEW, VARIATIONS = 10, 3, 4
+"""Flights of Figs 7-8, and of each of the variations of them."""
 UNDITHERED = 5
 """Flights without dither in noise; noise-free they are all alike, and one will do."""
 DURATION = 12.0
@@ -269,6 +269,7 @@ def variations(done: Callable[[], None]) -> dict[str, Lively]:
     return {
         "the paper's light doublet": run_lively(FEW, RollDoublet(), names=both, done=done),
         "a sine of alpha of 3 s": run_lively(FEW, lively_manoeuvre(3.0), names=both, done=done),
+        "the paper's W0 of 0.01": run_lively(FEW, lively_manoeuvre(), penalty=0.01, names=both, done=done),
         "low noise (W0 1e-3)": run_lively(FEW, lively_manoeuvre(), noise="low", penalty=1e-3, names=both, done=done),
     }
 
@@ -280,7 +281,7 @@ def flights_of(seeds: int) -> int:
 
 def count_flights(seeds: int) -> int:
     """Return how many flights `run_flights` flies."""
-    return min(seeds, MOST_EXCITING) + 3 * FEW + len(NOISES) * seeds + 1 + min(seeds, UNDITHERED)
+    return min(seeds, MOST_EXCITING) + VARIATIONS * FEW + len(NOISES) * seeds + 1 + min(seeds, UNDITHERED)
 
 
 def run_flights(seeds: int, done: Callable[[], None] = lambda: None) -> Flights:
