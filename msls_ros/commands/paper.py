@@ -11,8 +11,9 @@ import textwrap
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
+from msls_ros.commands.arguments import OneLineParser
 from msls_ros.commands.flight_experiments import count_flights, flights_of, run_flights
 from msls_ros.commands.linear_experiments import Statistic, acceptance, run_experiments
 from msls_ros.commands.linear_questions import (
@@ -47,14 +48,6 @@ ABOUT = (
 )
 
 
-class _Parser(argparse.ArgumentParser):
-    """An argument parser that refuses in one line."""
-
-    def error(self, message: str) -> NoReturn:
-        """Print the message and exit with 2."""
-        self.exit(2, f"{self.prog}: {message}\n")
-
-
 def _seeds(text: str) -> int:
     value = int(text) if text.isascii() and text.isdigit() else 0
     if not 1 <= value <= MOST_SEEDS:
@@ -65,7 +58,7 @@ def _seeds(text: str) -> int:
 
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line; exits with 2 and one line where it is wrong."""
-    parser = _Parser("paper", description=ABOUT, allow_abbrev=False)
+    parser = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
     parser.add_argument(
         "--seeds",
         type=_seeds,
