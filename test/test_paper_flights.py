@@ -23,8 +23,8 @@ from msls_ros.plant import PlantError
 SEEDS = 3
 
 KNOWN_MISS = "Fig 9, low noise: RLS largest error over that of MSLS"
-"""In low noise the peak of RLS is its own noise: over 50 flights 1.5 times that of MSLS, which no estimate of a number that
-halves can bring below one half."""
+"""In low noise the peak of RLS is its own noise: over 50 flights 1.5 times that of MSLS, which no estimate of a number
+that halves at once can bring below one half."""
 
 
 @pytest.fixture(scope="module")
