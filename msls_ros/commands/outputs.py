@@ -67,8 +67,7 @@ class IdentifierOutput:
             self._identifier.reset()
         stamps = segment.stamps
         time = np.multiply(stamps, 1e-9, dtype=np.float64)
-        with np.errstate(all="ignore"):  # absurd numbers of a damaged bag overflow; the identifier copes
-            run = self._identifier.run(time, segment.x, segment.xdot, segment.delta, self._every)
+        run = self._identifier.run(time, segment.x, segment.xdot, segment.delta, self._every)
         blocks = list(self._dithers(stamps, _joined(run.dithers)))
         events = [event for estimate in run.estimates for event in estimate.events]
         blocks += [self._fault(_stamp_at(stamps, time, event.time), event) for event in events]

@@ -189,7 +189,3 @@ class Regression:
     def standard_errors(self, row: int) -> Array:
         """(p,) standard errors of a row's estimates."""
         return row_uncertainty(self.state, row).errors
-
-    def residual_deviation(self, row: int) -> float:
-        """Standard deviation of a row's residual."""
-        return row_uncertainty(self.state, row).residual
