@@ -7,7 +7,7 @@ from pathlib import Path
 from setuptools import setup
 
 NAME = "msls_ros"
-ROOMS = ["estimation", "plant", "bags", "report", "nodes", "commands"]
+ROOMS = ["estimation", "plant", "bags", "report", "nodes", "fleet", "commands"]
 # Each is msls_ros/commands/NAME.py with a main().
 EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "replay", "report", "paper", "benchmark"]
 

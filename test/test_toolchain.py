@@ -21,9 +21,11 @@ ROOMS = {
     # rosbags loses the end of a killed bag; mcap, with its codecs, does not
     "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},
     "report": {"numpy", "matplotlib"},
+    "fleet": {"dask", "distributed"},
 }
 JOINING = {"nodes", "commands"}
-DEPENDENCIES = {"rclpy", "rosbags", "mcap", "jsbsim", "matplotlib", "tqdm", "yaml", "msls_msgs", "std_msgs", "scipy"}
+DEPENDENCIES = {"rclpy", "rosbags", "mcap", "jsbsim", "matplotlib", "tqdm", "msls_msgs", "std_msgs", "scipy"}
+DEPENDENCIES |= {"yaml", "dask", "distributed"}
 
 
 def msls(*arguments: str) -> subprocess.CompletedProcess[str]:
