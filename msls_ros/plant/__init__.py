@@ -6,6 +6,7 @@ SI units and radians. See `msls_ros.plant.airframe` for how the aircraft is deri
 from msls_ros.plant.aircraft import Aircraft
 from msls_ros.plant.airframe import ACTUATORS, SURFACE_ACTUATORS
 from msls_ros.plant.conditions import CONDITIONS, FlightCondition
+from msls_ros.plant.faults import Fault, FaultSchedule, check_faults
 from msls_ros.plant.interface import (
     EFFECTORS,
     PILOT_STATION,
@@ -38,6 +39,8 @@ __all__ = [
     "TURBULENCE",
     "Actuator",
     "Aircraft",
+    "Fault",
+    "FaultSchedule",
     "FlightCondition",
     "LinearTruth",
     "Manoeuvre",
@@ -51,5 +54,6 @@ __all__ = [
     "StrongManoeuvre",
     "Trim",
     "actuator_gain",
+    "check_faults",
     "find_trim",
 ]

@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from msls_ros.plant import airframe
 from msls_ros.plant.conditions import FlightCondition
+from msls_ros.plant.faults import check_damage
 from msls_ros.plant.interface import (
     EFFECTORS,
     EFFECTORS_FROM_SURFACES,
     SURFACES,
-    SURFACES_OF,
     TURBULENCE,
     LinearTruth,
     PlantError,
@@ -26,7 +25,6 @@ from msls_ros.plant.trim import find_trim
 from msls_ros.plant.truth import Twin
 
 _PSI = 8
-_LONGEST_RAMP = 3600.0
 _SHARES = np.linalg.inv(EFFECTORS_FROM_SURFACES)
 
 
@@ -197,10 +195,7 @@ class Aircraft:
         PlantError
             If the name is unknown or a number is out of range; nothing is then damaged.
         """
-        names = _checked_damage(surface_or_effector, effectiveness, bias, ramp)
-        if not isinstance(stuck, bool):
-            message = f"stuck {stuck!r}: expected True or False"
-            raise PlantError(message)
+        names = check_damage(surface_or_effector, effectiveness, bias, ramp, stuck)
         for name in names:
             surface = SURFACES.index(name)
             share = 1.0
@@ -242,29 +237,6 @@ class Aircraft:
         if self._twin is None:
             self._twin = Twin(self.trim.condition)
         return self._twin
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.floating, np.integer)) and math.isfinite(value)
-
-
-def _checked_damage(surface_or_effector: str, effectiveness: float, bias: float, ramp: float) -> tuple[str, ...]:
-    names = SURFACES_OF.get(surface_or_effector, (surface_or_effector,))
-    if any(name not in SURFACES for name in names):
-        known = ", ".join((*SURFACES, *EFFECTORS))
-        message = f"unknown surface or effector {surface_or_effector!r}: expected one of {known}"
-        raise PlantError(message)
-    if not (_is_number(effectiveness) and 0.0 <= effectiveness <= 1.0):
-        message = f"effectiveness {effectiveness!r}: expected a number from 0 (lost) to 1 (intact)"
-        raise PlantError(message)
-    limit = airframe.SURFACE_ACTUATORS[names[0]].high
-    if not (_is_number(bias) and abs(bias) <= limit):
-        message = f"bias {bias!r} rad: expected a number within +-{limit:.3f} rad"
-        raise PlantError(message)
-    if not (_is_number(ramp) and 0.0 <= ramp <= _LONGEST_RAMP):
-        message = f"ramp {ramp!r} s: expected a number from 0 to {_LONGEST_RAMP:g}"
-        raise PlantError(message)
-    return names
 
 
 def _checked(command: npt.ArrayLike) -> Sequence[float]:
