@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 
 from msls_ros.commands import closed_loop
-from msls_ros.commands.closed_loop import Fault, Flight, FlightLog
+from msls_ros.commands.closed_loop import Flight, FlightLog, Rates
 from msls_ros.estimation import Configuration
-from msls_ros.plant import Manoeuvre, RollDoublet, Sample, Sensors
+from msls_ros.plant import Fault, Manoeuvre, RollDoublet, Sample, Sensors
 
 __all__ = ["FlightLog", "fly"]
 
@@ -36,18 +36,19 @@ def fly(
     seed: int,
     duration: float,
     manoeuvre: Manoeuvre | None = None,
-    fault: tuple[float, str, float] | None = None,
+    fault: tuple[str, float, float] | None = None,
     turbulence: str = "none",
     colour: float = 0.0,
 ) -> FlightLog:
-    """Fly; ``fault`` is time, surface, what is left of it; ``colour`` makes the noise of xdot AR(1)."""
+    """Fly; ``fault`` is surface, time, what is left of it; ``colour`` makes the noise of xdot AR(1)."""
     flight = Flight(
         noise,
         seed,
         duration,
         manoeuvre=manoeuvre or RollDoublet(),
-        fault=Fault(*fault) if fault else None,
+        faults=(Fault(*fault),) if fault else (),
         turbulence=turbulence,
-        sensors=coloured_sensors(noise, seed, colour) if colour > 0.0 else None,
+        rates=Rates(truth=5),
+        measure=coloured_sensors(noise, seed, colour) if colour > 0.0 else None,
     )
     return closed_loop.fly(configuration, flight)

@@ -19,7 +19,7 @@ from msls_ros.commands import demo, offline
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, FlightRecord, fly
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.commands.scenarios import find_scenario
 
 SEEDS = {"none": (0, 1), "low": (0, 1, 2)}
 WALL_CLOCK = ("real_time_factor", "bag", "figures")
@@ -45,10 +45,10 @@ def flights(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Flights]:
     def get(name: str, noise: str, seed: int, dither: bool = True) -> Flown:
         key = (name, noise, seed, dither)
         if key not in known:
-            scenario = SCENARIOS[name]
+            scenario = find_scenario(name)
             configuration = scenario.configuration(noise, seed, dither)
             record = fly(scenario, configuration, tmp_path_factory.mktemp("bags") / "bag", noise=noise, seed=seed)
-            comparison = compare(record.bag, configuration)
+            comparison = compare(record.bag, configuration, scenario.watch)
             known[key] = Flown(record, comparison, summarise(scenario, comparison))
         return known[key]
 
@@ -251,7 +251,7 @@ def test_wrong_usage_is_one_line_and_exit_code_2(
 def test_a_flight_among_strangers_is_refused(bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", str(bench.domain))
     bench.probe.create_publisher(EffectorCommand, "command", 10)
-    scenario = SCENARIOS["roll_doublet"]
+    scenario = find_scenario("roll_doublet")
     with pytest.raises(FlightError, match="somebody else publishes /command"):
         fly(scenario, scenario.configuration("low", 0, True), tmp_path / "bag", noise="low", seed=0)
 

@@ -7,11 +7,11 @@ import pytest
 from flights import FlightLog, fly
 
 from msls_ros.commands.profiles import read_profile
-from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.commands.scenarios import find_scenario
 from msls_ros.estimation import Configuration, EventKind
 from msls_ros.plant import MANOEUVRES
 
-SCENARIO = SCENARIOS["roll_doublet_tail_fault"]
+SCENARIO = find_scenario("roll_doublet_tail_fault")
 ROWS = 6
 
 
@@ -24,7 +24,7 @@ def configuration(noise: str, seed: int) -> Configuration:
 
 def loss(noise: str, seed: int, left: float, duration: float = 5.2) -> FlightLog:
     return fly(
-        configuration(noise, seed), noise=noise, seed=seed, duration=duration, fault=(4.0, "left_stabilator", left)
+        configuration(noise, seed), noise=noise, seed=seed, duration=duration, fault=("left_stabilator", 4.0, left)
     )
 
 
@@ -97,7 +97,7 @@ def test_half_of_ddt_lost_in_use_is_seen_in_the_strong_manoeuvre(turbulence: str
             seed=seed,
             duration=at + 0.6,
             manoeuvre=manoeuvre,
-            fault=(at, "ddt", 0.5),
+            fault=("ddt", at, 0.5),
             turbulence=turbulence,
         )
         seen += any(at < t <= at + 0.5 + 1e-9 for t in log.alarms())

@@ -23,7 +23,7 @@ from msls_ros.commands.offline import kept_parameters
 from msls_ros.commands.offline import replay as replay_bag
 from msls_ros.commands.profiles import read_profile
 from msls_ros.commands.record_flights import FLIGHTS as SCENARIO_OF
-from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.commands.scenarios import find_scenario
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.nodes.identifier import IdentifierNode
@@ -80,9 +80,9 @@ def test_a_recorded_flight_through_topics_is_as_in_flight_and_again_when_played_
 @pytest.mark.parametrize("noise", ["none", "med"])
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_live_offline_and_through_topics_are_equal(name: str, noise: str, bench: Bench, tmp_path: Path) -> None:
-    scenario = SCENARIOS[SCENARIO_OF[name]]
-    fault = 2.0 if scenario.has_fault else -1.0
-    short = dataclasses.replace(scenario, duration=4.0, fault_time=fault)
+    scenario = find_scenario(SCENARIO_OF[name])
+    faults = tuple(dataclasses.replace(fault, time=2.0) for fault in scenario.faults)
+    short = dataclasses.replace(scenario, duration=4.0, faults=faults)
     configuration = short.configuration(noise, 5, dither=True)
     fly(short, configuration, tmp_path / "bag", noise=noise, seed=5)
     live = outputs(tmp_path / "bag")

@@ -16,6 +16,8 @@ from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, 
 from msls_ros.plant import (
     CONDITIONS,
     Aircraft,
+    Fault,
+    FaultSchedule,
     LinearTruth,
     Manoeuvre,
     Pilot,
@@ -27,45 +29,74 @@ from msls_ros.plant import (
 
 Array = NDArray[np.float64]
 
-RATE = 100
-"""Steps of the flight dynamics per second."""
 RIGID_BODY = ("u", "v", "w", "P", "Q", "R")
 """Equations whose alarms count as such."""
 
 
 @dataclass(frozen=True)
-class Fault:
-    """What breaks, and when."""
+class Rates:
+    """How often what happens [Hz].
 
-    time: float
-    """[s], of a sample: the next one is the first to feel it."""
-    surface: str
-    """A surface or an effector of the plant."""
-    effectiveness: float = 0.0
-    """What is left of it [1]."""
+    Raises
+    ------
+    PlantError
+        At construction, for rates that do not divide; the sentence begins with the field.
+    """
+
+    flight_dynamics: int = 100
+    """Steps of the flight dynamics model, 50 to 1000."""
+    sensors: int = 50
+    """Samples; divides `flight_dynamics`."""
+    truth: int = 10
+    """True models; divides `sensors`."""
+
+    def __post_init__(self) -> None:
+        """Refuse what is no rate."""
+        for name, low in (("flight_dynamics", 50), ("sensors", 1), ("truth", 1)):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= 1000:
+                message = f"{name} {value!r} Hz: expected a whole number from {low} to 1000"
+                raise PlantError(message)
+        for name, of in (("sensors", "flight_dynamics"), ("truth", "sensors")):
+            if getattr(self, of) % getattr(self, name):
+                message = f"{name} {getattr(self, name)} Hz: expected a divisor of {of}, {getattr(self, of)} Hz"
+                raise PlantError(message)
+
+    @property
+    def period(self) -> float:
+        """Time from sample to sample [s]."""
+        return self.steps / self.flight_dynamics
+
+    @property
+    def steps(self) -> int:
+        """Steps of the flight dynamics per sample."""
+        return self.flight_dynamics // self.sensors
+
+    @property
+    def truth_every(self) -> int:
+        """Samples per true model."""
+        return self.sensors // self.truth
 
 
 @dataclass(frozen=True)
 class Flight:
     """How to fly.
 
-    The sensors are those of the noise level; ``sensors`` replaces them. The truth is taken at every ``truth_every``-th
-    sample, and at the two samples on either side of the fault.
+    The sensors are those of the noise level; ``measure`` replaces them. The truth is taken at its rate, and at the two
+    samples on either side of a fault and of the end of a ramp.
     """
 
     noise: str
     seed: int
+    """Of sensors and turbulence."""
     duration: float
     """[s]"""
     manoeuvre: Manoeuvre = field(default_factory=RollDoublet)
-    fault: Fault | None = None
+    faults: tuple[Fault, ...] = ()
     condition: str = "high_alpha"
     turbulence: str = "none"
-    steps: int = 2
-    """Steps of the flight dynamics per sample; 2 is 50 Hz."""
-    truth_every: int = 10
-    """Samples."""
-    sensors: Callable[[Sample], Sample] | None = None
+    rates: Rates = field(default_factory=Rates)
+    measure: Callable[[Sample], Sample] | None = None
 
 
 @dataclass
@@ -117,30 +148,36 @@ def fly(configuration: Configuration, flight: Flight) -> FlightLog:
     Raises
     ------
     PlantError
-        For a condition, noise level, turbulence or surface that does not exist, or a flight that diverges.
+        For a condition, noise level or turbulence that does not exist, or a flight that diverges.
     """
     if flight.condition not in CONDITIONS:
         message = f"unknown condition '{flight.condition}': expected one of {', '.join(CONDITIONS)}"
         raise PlantError(message)
-    aircraft = Aircraft(CONDITIONS[flight.condition], rate=RATE, turbulence=flight.turbulence, seed=flight.seed)
-    pilot = Pilot(aircraft.trim, aircraft.truth(), flight.manoeuvre)
-    measure = flight.sensors or Sensors(flight.noise, flight.seed).measure
+    rates, condition = flight.rates, CONDITIONS[flight.condition]
+    aircraft = Aircraft(condition, rate=rates.flight_dynamics, turbulence=flight.turbulence, seed=flight.seed)
+    pilot = _pilot(flight)
+    measure = flight.measure or Sensors(flight.noise, flight.seed).measure
     identifier, log = Identifier(configuration), FlightLog()
-    period = flight.steps / RATE
-    strikes = round(flight.fault.time / period) if flight.fault is not None else -1
-    for k in range(round(flight.duration / period)):
+    faults = FaultSchedule(flight.faults, rates.period)
+    for k in range(round(flight.duration / rates.period)):
         measured = measure(aircraft.sample())
-        estimate = identifier.update(measured.time, measured.x, measured.xdot, measured.delta)
-        log.time.append(measured.time)
+        time = round(measured.time * 1e9) * 1e-9  # as messages carry it
+        estimate = identifier.update(time, measured.x, measured.xdot, measured.delta)
+        log.time.append(time)
         log.x.append(measured.x)
         log.xdot.append(measured.xdot)
         log.delta.append(measured.delta)
         log.estimates.append(estimate)
-        if k % flight.truth_every == 0 or strikes in (k, k - 1):
+        if k % rates.truth_every == 0 or faults.turns(k):
             log.truths[k] = aircraft.truth()
-        command = pilot.command(measured.time, measured.x) + estimate.dither.delta
-        if flight.fault is not None and k == strikes:
-            aircraft.damage(flight.fault.surface, flight.fault.effectiveness)
-        for _ in range(flight.steps):
+        command = pilot.command(time, measured.x) + estimate.dither.delta
+        faults.strike(k, aircraft)
+        for _ in range(rates.steps):
             aircraft.step(command)
     return log
+
+
+def _pilot(flight: Flight) -> Pilot:
+    """Design the pilot as its node does: for still air, whatever the rate of the flight dynamics."""
+    aircraft = Aircraft(CONDITIONS[flight.condition])
+    return Pilot(aircraft.trim, aircraft.truth(), flight.manoeuvre)

@@ -17,29 +17,28 @@ from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import BY_NOISE, SCENARIOS, Scenario
+from msls_ros.commands.scenarios import Scenario, ScenarioError, find_scenario, shipped
 from msls_ros.nodes.running import BAD_INPUT
-from msls_ros.plant import EFFECTORS
+from msls_ros.plant import EFFECTORS, NOISE_LEVELS
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in SCENARIOS.values())
+    scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in shipped().values())
     result = OneLineParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly the F-16/MATV in closed loop with the identifier, over DDS; record, compare, draw.",
-        epilog=f"scenarios:\n{scenarios}",
+        epilog=f"scenarios:\n{scenarios}\n\nThey are files in config/scenarios/, where each key is explained.",
     )
     result.add_argument(
         "--scenario",
         default="roll_doublet_tail_fault",
-        choices=list(SCENARIOS),
-        metavar="NAME",
-        help="what to fly (below)",
+        metavar="NAME_OR_FILE",
+        help="what to fly: one of those below, or a .yaml file of your own (default: the first)",
     )
-    result.add_argument("--noise", default="low", choices=list(BY_NOISE), help="sensor noise (default: low)")
-    result.add_argument("--seed", type=seed, default=0, help="of sensor noise and dither (default: 0)")
+    result.add_argument("--noise", choices=list(NOISE_LEVELS), help="sensor noise (default: the scenario's)")
+    result.add_argument("--seed", type=seed, default=0, help="of sensor noise, turbulence and dither (default: 0)")
     result.add_argument("--out", type=Path, help="folder for bag, summary and figures (default: out/SCENARIO)")
     result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
     result.add_argument("--json", action="store_true", help="print summary.json on stdout and nothing else")
@@ -49,7 +48,12 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the demo; return the exit code."""
     arguments = parser().parse_args(argv)
-    scenario = SCENARIOS[arguments.scenario]
+    try:
+        scenario = find_scenario(arguments.scenario)
+    except ScenarioError as error:
+        print(f"demo: {error}", file=sys.stderr)
+        return 2
+    noise = arguments.noise or scenario.noise
     out = arguments.out or Path("out") / scenario.name
     interrupted: list[int] = []
 
@@ -60,7 +64,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         _prepare(out)
-        summary = run(scenario, out, noise=arguments.noise, seed=arguments.seed, dither=not arguments.no_dither)
+        summary = run(scenario, out, noise=noise, seed=arguments.seed, dither=not arguments.no_dither)
     except (Exception, KeyboardInterrupt) as error:
         if interrupted:  # compiled code swallows an interrupt and fails in ways of its own
             print(f"\ndemo: interrupted; what was flown so far is in '{out / 'bag'}'", file=sys.stderr)
@@ -96,16 +100,17 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show
         )
     print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
-    comparison = compare(record.bag, configuration)
+    comparison = compare(record.bag, configuration, scenario.watch)
     found = {
         "scenario": scenario.name,
+        "description": scenario.description,
         "seed": seed,
         "noise": noise,
         "samples": record.samples,
         **summarise(scenario, comparison),
         "refused": dict(record.refused),
         "time_outs": record.time_outs,
-        "real_time_factor": round((record.samples - 1) * 0.02 / record.wall_time, 2),
+        "real_time_factor": round((record.samples - 1) * scenario.rates.period / record.wall_time, 2),
         "bag": str(record.bag),
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
     }
@@ -118,13 +123,20 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
     """Write the figures; return their paths."""
     from msls_ros.report import flight_figures as figures  # matplotlib takes a second to import
 
-    fault = scenario.fault_time if scenario.has_fault else None
     alarms = [t for t, kind, _ in c.events if kind == "detected"]
+    watch = scenario.watch
     about = f"{scenario.description}; sensor noise {noise}, seed {seed}"
-    paths = [out / "b43.png", out / "states.png", out / "dither.png"]
-    common: dict[str, Any] = {"fault": fault, "alarms": alarms}
+    paths = [out / f"{watch.symbol}.png", out / "states.png", out / "dither.png"]
+    common: dict[str, Any] = {"faults": scenario.fault_spans, "alarms": alarms}
     figures.plot_parameter(
-        paths[0], c.time, c.truth, c.estimates, c.std, title=f"Roll power of the differential tail\n{about}", **common
+        paths[0],
+        c.time,
+        c.truth,
+        c.estimates,
+        c.std,
+        title=f"{watch.symbol} = {watch.derivative}, estimated and true\n{about}",
+        label=f"{watch.symbol} [{watch.unit}]",
+        **common,
     )
     figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, EFFECTORS, title=f"Flight\n{about}", **common)
     figures.plot_dither(
@@ -135,22 +147,22 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
 
 def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     """Return the summary as a short table for people."""
-    b43, dither = s["b43"], s["dither"]
+    watch = scenario.watch
+    watched, dither = s[watch.symbol], s["dither"]
     lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]
-    if scenario.has_fault:
-        found = s["detection"]
-        seen = (
-            f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
-            if found["time_s"] is not None
-            else "NOT detected"
-        )
-        lines.append(f"fault at {scenario.fault_time:.2f} s       {seen}")
+    for (start, end), found in zip(scenario.fault_spans, s["detections"], strict=True):
+        seen = "NOT detected"
+        if found["time_s"] is not None:
+            seen = f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
+        grown = f", grown by {end:.2f} s" if end > start else ""
+        lines.append(f"{f'fault at {start:.2f} s':<22}{seen}{grown}")
     lines.append(f"false alarms          {s['false_alarms']}")
-    after = "" if b43["truth_after"] is None else f" -> {b43['truth_after']:.3f}"
-    lines += [f"b43 (dPdot/d ddt)     {b43['truth_before']:.3f}{after} 1/s^2 in truth", ""]
-    lines.append(f"  {'error of b43':<24}{'before':>9}{'peak':>9}{'after':>9}{'settled in':>13}")
+    after = "" if watched["truth_after"] is None else f" -> {watched['truth_after']:.3f}"
+    name = f"{watch.symbol} ({watch.derivative})"
+    lines += [f"{name:<22}{watched['truth_before']:.3f}{after} {watch.unit} in truth", ""]
+    lines.append(f"  {f'error of {watch.symbol}':<24}{'before':>9}{'peak':>9}{'after':>9}{'settled in':>13}")
     for name, label in (("msls", "MSLS"), ("msls_no_detection", "MSLS without detection"), ("rls", "RLS")):
-        e = b43[name]
+        e = watched[name]
         settle = "-" if e["settle_s"] is None else f"{e['settle_s']:.2f} s"
         lines.append(
             f"  {label:<24}{_percent(e['rms_before'])}{_percent(e['peak_error'])}{_percent(e['rms_after'])}{settle:>13}"

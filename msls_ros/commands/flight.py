@@ -144,9 +144,11 @@ def _plant_parameters(scenario: Scenario, noise: str, seed: int) -> dict[str, An
         "duration": scenario.duration,
         "autostart": False,
         "time_out": 10.0,
-        "fault.time": scenario.fault_time,
-        "fault.surface": scenario.fault_surface,
-        "fault.effectiveness": scenario.fault_effectiveness,
+        "turbulence": scenario.turbulence,
+        "fdm_rate": scenario.rates.flight_dynamics,
+        "steps_per_sample": scenario.rates.steps,
+        "truth_every": scenario.rates.truth_every,
+        "faults": [str(fault) for fault in scenario.faults],
     }
 
 

@@ -19,10 +19,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.commands.closed_loop import Fault, Flight, FlightLog, fly
-from msls_ros.commands.comparison import COLUMN, PEERS, START, Comparison, realised_acceleration, summarise
+from msls_ros.commands.closed_loop import Flight, FlightLog, Rates, fly
+from msls_ros.commands.comparison import PEERS, START, Comparison, realised_acceleration, summarise
 from msls_ros.commands.profiles import read_profile
-from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.commands.scenarios import find_scenario
+from msls_ros.commands.watch import Watch
 from msls_ros.estimation import Configuration, Estimate, Level
 from msls_ros.plant import STATES, Manoeuvre, RollDoublet, StrongManoeuvre
 
@@ -35,11 +36,11 @@ UNDITHERED = 5
 """Flights without dither in noise; noise-free they are all alike, and one will do."""
 DURATION = 12.0
 """[s]"""
-LIVELY_RATE = 100.0
-"""Samples per second of Figs 7-8."""
+LIVELY_RATES = Rates(sensors=100, truth=25)
+"""Of Figs 7-8."""
 LIVELY_PENALTY = 1e-4
 NOISES = ("none", "low")
-SCENARIO = SCENARIOS["roll_doublet_tail_fault"]
+SCENARIO = find_scenario("roll_doublet_tail_fault")
 LITERAL_DETECTOR: Mapping[str, Any] = {
     "detector.mode": "paper",
     "detector.window": 10,
@@ -59,7 +60,7 @@ def lively_estimators() -> dict[str, Configuration]:
     Both have the constant that the `Identifier` always has and eq 24 lacks.
     """
     known, literal = (
-        read_profile(name).replace({"sample_rate": LIVELY_RATE, "estimator.penalty": LIVELY_PENALTY})
+        read_profile(name).replace({"sample_rate": float(LIVELY_RATES.sensors), "estimator.penalty": LIVELY_PENALTY})
         for name in ("f16_high_alpha", "paper_literal")
     )
     return {
@@ -139,7 +140,7 @@ def run_lively(
             name: one.replace({"dither.seed": seed, "estimator.penalty": penalty})
             for name, one in lively_estimators().items()
         }
-        log = fly(estimators["msls"], Flight(noise, seed, DURATION, manoeuvre=manoeuvre, steps=1, truth_every=4))
+        log = fly(estimators["msls"], Flight(noise, seed, DURATION, manoeuvre, rates=LIVELY_RATES))
         for name in names:
             estimates = log.estimates if name == "msls" else log.identify(estimators[name])
             found[name].append(np.array([one.a[ROLL, HEAVE] for one in estimates]))
@@ -155,7 +156,7 @@ def run_lively(
     )
 
 
-def compare_log(log: FlightLog, estimates: Mapping[str, list[Estimate]]) -> Comparison:
+def compare_log(log: FlightLog, estimates: Mapping[str, list[Estimate]], watch: Watch) -> Comparison:
     """Put a flight in the form in which the demo's are summarised.
 
     Parameters
@@ -164,19 +165,21 @@ def compare_log(log: FlightLog, estimates: Mapping[str, list[Estimate]]) -> Comp
         The flight; its truths must surround the fault.
     estimates
         Of other estimators than the one that flew, one per sample.
+    watch
+        The parameter to compare.
     """
     b = log.truth(lambda truth: truth.b)
     x, time, flown = np.array(log.x), np.array(log.time), log.estimates
     dither = np.array([one.dither.delta for one in flown])
     return Comparison(
         time=time,
-        truth=b[:, ROLL, COLUMN],
+        truth=log.truth(lambda truth: watch.of(truth.a, truth.b)),
         estimates={
-            name: np.array([one.b[ROLL, COLUMN] for one in found])
+            name: np.array([watch.of(one.a, one.b) for one in found])
             for name, found in {"msls": flown, **estimates}.items()
         },
-        std=np.array([one.b_std[ROLL, COLUMN] for one in flown]),
-        reliable=np.array([one.b_reliable[ROLL, COLUMN] for one in flown]),
+        std=np.array([watch.of(one.a_std, one.b_std) for one in flown]),
+        reliable=np.array([watch.of(one.a_reliable, one.b_reliable) for one in flown]),
         alpha=np.arctan2(x[:, 2], x[:, 0]),
         beta=np.arcsin(x[:, 1] / np.linalg.norm(x[:, :3], axis=1)),
         x=x,
@@ -229,10 +232,9 @@ def fly_loss(noise: str, seed: int, dither: bool = True) -> Loss:
         Inject noise.
     """
     configuration = SCENARIO.configuration(noise, seed, dither)
-    fault = Fault(SCENARIO.fault_time, SCENARIO.fault_surface, SCENARIO.fault_effectiveness)
-    log = fly(configuration, Flight(noise, seed, DURATION, fault=fault))
+    log = fly(configuration, SCENARIO.flight(noise, seed))
     peers = {name: log.identify(configuration.replace(changes)) for name, changes in PEERS.items()}
-    compared = compare_log(log, peers)
+    compared = compare_log(log, peers, SCENARIO.watch)
     literal: tuple[float, ...] = ()
     if dither:
         again = log.identify(configuration.replace(LITERAL_DETECTOR))

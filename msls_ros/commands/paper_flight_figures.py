@@ -84,7 +84,7 @@ def _loss_figure(losses: list[Loss]) -> ParameterFigure:
         np.array([one.truth for one in losses]),
         np.array([one.estimates["msls"] for one in losses]),
         (-0.9, 4.1),
-        change=SCENARIO.fault_time,
+        change=SCENARIO.faults[0].time,
         change_label="fault at 4.0 s",
         alarms=first.alarms,
         parameter=B43,

@@ -251,7 +251,7 @@ def _claims_on_loss(quiet: list[Loss], noisy: list[Loss]) -> list[Claim]:
 
 
 def _claim_on_detection(quiet: list[Loss], noisy: list[Loss]) -> Claim:
-    fault = SCENARIO.fault_time
+    fault = SCENARIO.faults[0].time
     seen, literal, false = [], [], 0.0
     for losses in (quiet, noisy):
         seen.append(in_time(losses))

@@ -104,7 +104,8 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
     path = Path(name)
     if path.suffix in (".yaml", ".yml"):
         return path
-    shipped = {p.stem: p for p in sorted(config_folder().rglob("*.yaml"))}
+    folder = config_folder()
+    shipped = {p.stem: p for p in sorted([*folder.glob("*.yaml"), *folder.glob("inputs/*.yaml")])}
     if str(name) not in shipped:
         message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
         raise EstimationError(message)

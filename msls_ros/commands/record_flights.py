@@ -19,7 +19,7 @@ from msls_ros.bags import BagError
 from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.offline import load
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import SCENARIOS
+from msls_ros.commands.scenarios import ScenarioError, find_scenario
 from msls_ros.estimation import EstimationError
 from msls_ros.nodes.parameters import NodeError
 from msls_ros.plant import PlantError
@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     try:
         for name in FLIGHTS:
             record(name, folder)
-    except (BagError, EstimationError, FlightError, NodeError, PlantError, OSError) as error:
+    except (BagError, EstimationError, FlightError, NodeError, PlantError, ScenarioError, OSError) as error:
         print(f"record_flights: {error}", file=sys.stderr)
         return 2
     return 0
@@ -51,7 +51,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def record(name: str, folder: Path) -> None:
     """Fly one, into the bag ``folder/name``, and write what it gave to ``folder/name.json``."""
-    scenario = SCENARIOS[FLIGHTS[name]]
+    scenario = find_scenario(FLIGHTS[name])
     bag = folder / name
     with Progress(f"flying {name}", scenario.duration, "s") as progress:
         fly(

@@ -373,18 +373,15 @@ def _realised(dither: Dither, truth: Truth | None, models: Models | None) -> Arr
 
 def flown(bag: Path) -> str:
     """Return what the demo flew, from the summary that it leaves beside the bag; empty: not known."""
-    from msls_ros.commands.scenarios import SCENARIOS
-
     try:
         summary = json.loads((bag.resolve().parent / "summary.json").read_text(encoding="utf-8"))
         if Path(summary["bag"]).name != bag.resolve().name:
             return ""
-        name = str(summary["scenario"])
+        text = str(summary.get("description", summary["scenario"]))
     except (OSError, ValueError, KeyError, TypeError):
         return ""
-    known = SCENARIOS.get(name)
     noise = f", sensor noise {summary['noise']}, seed {summary['seed']}" if {"noise", "seed"} <= set(summary) else ""
-    return f"{known.description if known is not None else name}{noise}"
+    return f"{text}{noise}"
 
 
 def versions() -> dict[str, str]:

@@ -56,7 +56,7 @@ def descriptor(bounds: Bounds, default: Any, read_only: bool) -> ParameterDescri
     number = isinstance(default, (int, float)) and not isinstance(default, bool)
     listed = isinstance(default, (tuple, list)) and not any(isinstance(v, str) for v in default)
     result = ParameterDescriptor(
-        description=f"{bounds.description} [{bounds.unit}]" if number or listed else bounds.description,
+        description=bounds.description + (f" [{bounds.unit}]" if bounds.unit and (number or listed) else ""),
         additional_constraints="; ".join(
             t for t in (constraint(bounds, default), "" if bounds.in_flight else "fixed at the start") if t
         ),

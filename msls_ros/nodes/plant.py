@@ -16,7 +16,7 @@ from std_srvs.srv import Trigger
 
 from msls_ros import messages
 from msls_ros.estimation import NamedVector, Refused
-from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import (
@@ -24,11 +24,13 @@ from msls_ros.plant import (
     EFFECTORS,
     NOISE_LEVELS,
     STATES,
-    SURFACES,
     TURBULENCE,
     Aircraft,
+    Fault,
+    FaultSchedule,
     PlantError,
     Sensors,
+    check_faults,
 )
 
 PARAMETERS = {
@@ -50,12 +52,13 @@ PARAMETERS = {
     ),
     "duration": fixed(0.0, "flight time after which the plant stops; 0: never", unit="s", low=0.0, high=1e6),
     "autostart": fixed(True, "start when a pilot (and, where waited for, an identifier) is there"),
-    "fault.time": fixed(-1.0, "when the damage happens; negative: never", unit="s", low=-1.0, high=1e6),
-    "fault.surface": fixed(
-        "left_stabilator", "what is damaged: a surface or an effector", choices=(*SURFACES, *EFFECTORS)
+    "faults": fixed(
+        [],
+        "what breaks, in order of time, one line each: a surface or an effector, then time=[s] effectiveness=[1] and "
+        "where wanted ramp=[s] stuck=true bias=[rad], as in "
+        "'left_stabilator time=4.0 effectiveness=0.5 ramp=5.0'",
+        unit="",
     ),
-    "fault.effectiveness": fixed(0.0, "what is left of its effect", low=0.0, high=1.0),
-    "fault.bias": fixed(0.0, "constant deflection-equivalent that the damage adds", unit="rad", low=-0.5, high=0.5),
 }
 READY_CHECKS = 10
 """Checks in a row, 20 ms apart, that must find pilot and identifier connected before the flight begins."""
@@ -95,10 +98,8 @@ class PlantNode(Node):
         """Done when the flight has lasted for ``duration``."""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._running = False
+        self._faults = _read_faults(self._p["faults"])
         self._build()
-        if self._fault_due and self._p["fault.bias"] != 0.0:
-            self._aircraft.damage(self._p["fault.surface"], 1.0, self._p["fault.bias"])
-            self._build()
         self._make_topics()
         self._make_timers()
 
@@ -144,8 +145,7 @@ class PlantNode(Node):
         self._arrived = {"command": 0, "dither": 0}
         self._stamps = {kind: StampGate(kind) for kind in self._answers}
         self._stamp = 0
-        self._fault_due = self._p["fault.time"] >= 0.0
-        self._truth_due = True
+        self._schedule = FaultSchedule(self._faults, self.sample_period)
         self.samples = self.truths = 0
 
     def start(self) -> None:
@@ -175,11 +175,10 @@ class PlantNode(Node):
             self._answers = {"command": None, "dither": None}
         self._clock_publisher.publish(ClockMessage(clock=messages.time_message(stamp)))
         self.truth_state_publisher.publish(messages.state_message(stamp, STATES, sample.x, sample.xdot))
-        if self._truth_due or self.samples % self._p["truth_every"] == 0:
+        if self.samples % self._p["truth_every"] == 0 or self._schedule.turns(self.samples):
             truth = self._aircraft.truth()
             message = messages.truth_message(stamp, STATES, EFFECTORS, truth.a, truth.b, truth.bias)
             self.truth_model_publisher.publish(message)
-            self._truth_due = False
             self.truths += 1
         self.samples += 1
         self.state_publisher.publish(messages.state_message(stamp, STATES, measured.x, measured.xdot))
@@ -223,9 +222,8 @@ class PlantNode(Node):
 
     def _step(self) -> None:
         """Fly to the next sample with what was answered; without a command at trim, without a dither with none."""
-        if self._fault_due and self._aircraft.time >= self._p["fault.time"] - 1e-9:
-            self._damage(self._p["fault.surface"], self._p["fault.effectiveness"], self._p["fault.bias"])
-            self._fault_due = False
+        for text in self._schedule.strike(self.samples - 1, self._aircraft):
+            self.get_logger().info(f"at {self._aircraft.time:.3f} s: {text}")
         command = self._answers["command"]
         dither = self._answers["dither"]
         total = self._aircraft.trim.delta if command is None else command + (0.0 if dither is None else dither)
@@ -268,16 +266,13 @@ class PlantNode(Node):
         level = DiagnosticStatus.WARN if self.time_outs else DiagnosticStatus.OK
         return Health(level, f"flying; {self.time_outs} samples not answered in time", counts)
 
-    def _damage(self, surface: str, effectiveness: float, bias: float) -> str:
-        text = self._aircraft.damage(surface, effectiveness, bias)
-        self._truth_due = True
-        self.get_logger().info(f"at {self._aircraft.time:.3f} s: {text}")
-        return text
-
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:
         try:
-            response.message = self._damage(request.effector, request.effectiveness, request.bias)
+            now = self._aircraft.time
+            fault = Fault(request.effector, now, request.effectiveness, request.ramp, request.stuck, request.bias)
+            response.message = self._schedule.inject(fault, self.samples - 1, self._aircraft)
             response.success = True
+            self.get_logger().info(f"at {now:.3f} s: {response.message}")
         except PlantError as error:
             response.success, response.message = False, str(error)
         return response
@@ -292,3 +287,20 @@ class PlantNode(Node):
             self._publish()
         response.success, response.message = True, "a new aircraft at trim, time 0"
         return response
+
+
+def _read_faults(lines: list[str]) -> tuple[Fault, ...]:
+    """Return the faults of the parameter ``faults``.
+
+    Raises
+    ------
+    NodeError
+        For a line that is none, or faults that do not go together.
+    """
+    try:
+        faults = tuple(Fault.parse(line) for line in lines)
+        check_faults(faults)
+    except PlantError as error:
+        message = f"parameter 'faults' is {lines!r}: {error}"
+        raise NodeError(message) from error
+    return faults

@@ -1,4 +1,4 @@
-"""Figures of one flight: b43 against truth, the states, the dither and what the pilot feels of it."""
+"""Figures of one flight: a parameter against truth, the states, the dither and what the pilot feels of it."""
 
 from __future__ import annotations
 
@@ -32,11 +32,13 @@ def new_figure(rows: int, title: str, height: float = 2.4, *, same_time: bool = 
     return figure, list(axes)
 
 
-def mark_events(axes: Sequence[Axes], fault: float | None, alarms: Sequence[float]) -> None:
-    """Mark the fault and the alarms in every axis."""
+def mark_events(axes: Sequence[Axes], faults: Sequence[tuple[float, float]], alarms: Sequence[float]) -> None:
+    """Mark the faults, each with the time over which it grows, and the alarms in every axis."""
     for axis in axes:
-        if fault is not None:
-            axis.axvline(fault, color="0.4", linestyle=":", linewidth=1.2, label="fault")
+        for i, (start, end) in enumerate(faults):
+            axis.axvline(start, color="0.4", linestyle=":", linewidth=1.2, label="fault" if i == 0 else None)
+            if end > start:
+                axis.axvspan(start, end, color="0.4", alpha=0.08, linewidth=0)
         for i, alarm in enumerate(alarms):
             axis.axvline(alarm, color="#CC79A7", linewidth=1.0, label="alarm" if i == 0 else None)
 
@@ -48,41 +50,43 @@ def plot_parameter(
     estimates: Mapping[str, Array],
     std: Array,
     *,
-    fault: float | None,
+    faults: Sequence[tuple[float, float]],
     alarms: Sequence[float],
     title: str,
+    label: str,
 ) -> None:
-    """Write the figure of b43: estimates, 95 % band, truth; below it the time around the fault.
+    """Write the figure of a parameter: estimates, 95 % band, truth; below it the time around the faults.
 
     Parameters
     ----------
     path
         PNG to write.
     time, truth, std
-        (n,) [s], [1/s^2], [1/s^2].
+        (n,) [s]; the parameter and its standard error, not zero all the time.
     estimates
         (n,) by name, among `STYLES`.
-    fault, alarms
-        Times [s].
-    title
-        Of the figure.
+    faults, alarms
+        Starts and ends, and times [s].
+    title, label
+        Of the figure, and of the parameter.
     """
-    figure, axes = new_figure(2 if fault is not None else 1, title, 3.1, same_time=False)
-    level = float(np.abs(truth).max())
+    figure, axes = new_figure(2 if faults else 1, title, 3.1, same_time=False)
+    level = float(np.abs(truth).max()) or 1.0
+    limits = (-0.6 * level, 2.2 * level)
     for axis in axes:
-        mark_events([axis], fault, alarms)
+        mark_events([axis], faults, alarms)
         for name, (label, colour, width) in STYLES.items():
             axis.plot(time, estimates[name], color=colour, linewidth=width, label=label)
         band = np.where(np.isfinite(std), 1.96 * std, 10.0 * level)
         low, high = estimates["msls"] - band, estimates["msls"] + band
         axis.fill_between(time, low, high, color=OURS, alpha=0.15, linewidth=0, label="MSLS, 95 %")
         axis.plot(time, truth, color=TRUTH, linestyle="--", linewidth=1.4, label="truth")
-        axis.set_ylim(-0.6 * level, 2.2 * level)
-        axis.set_ylabel("b43 = ∂Ṗ/∂δdt [1/s²]")
-    axes[0].legend(loc="upper right", ncols=3, fontsize=8)
-    if fault is not None:
+        axis.set_ylim(limits if truth[0] >= 0.0 else (-limits[1], -limits[0]))
+        axis.set_ylabel(label)
+    axes[0].legend(loc="upper right" if truth[0] >= 0.0 else "lower right", ncols=3, fontsize=8)
+    if faults:
         axes[1].set_title("around the fault", fontsize=9, loc="left")
-        axes[1].set_xlim(fault - 0.5, fault + 2.0)
+        axes[1].set_xlim(faults[0][0] - 0.5, max(end for _, end in faults) + 2.0)
     figure.savefig(path)
 
 
@@ -95,7 +99,7 @@ def plot_states(
     delta: Array,
     names: Sequence[str],
     *,
-    fault: float | None,
+    faults: Sequence[tuple[float, float]],
     alarms: Sequence[float],
     title: str,
 ) -> None:
@@ -109,8 +113,8 @@ def plot_states(
         (n,), (n, 9), (n,), (n,), (n, m); SI and radians.
     names
         Of the effectors.
-    fault, alarms
-        Times [s].
+    faults, alarms
+        Starts and ends, and times [s].
     title
         Of the figure.
     """
@@ -127,7 +131,7 @@ def plot_states(
     for j, name in enumerate(names):
         axes[3].plot(time, np.degrees(delta[:, j] - delta[0, j]), linewidth=0.9, label=name)
     axes[3].set_ylabel("deflections\nfrom trim [deg]")
-    mark_events(axes, fault, alarms)
+    mark_events(axes, faults, alarms)
     for axis in axes:
         axis.legend(loc="upper left", ncols=1, fontsize=8, bbox_to_anchor=(1.0, 1.0))
     figure.savefig(path)
@@ -142,7 +146,7 @@ def plot_dither(
     limit: Array,
     realised: Array,
     *,
-    fault: float | None,
+    faults: Sequence[tuple[float, float]],
     alarms: Sequence[float],
     title: str,
 ) -> None:
@@ -160,8 +164,8 @@ def plot_dither(
         (n,) worst-case rms and its limit [g].
     realised
         (n, 3) acceleration by the dither alone [g].
-    fault, alarms
-        Times [s].
+    faults, alarms
+        Starts and ends, and times [s].
     title
         Of the figure.
     """
@@ -176,7 +180,7 @@ def plot_dither(
     axes[1].plot(time, moving, color=PEER, label="realised (rms over 1 s)")
     axes[1].set_ylabel("acceleration\nat the pilot [g]")
     axes[1].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
-    mark_events(axes, fault, alarms)
+    mark_events(axes, faults, alarms)
     for axis in axes:
         axis.legend(loc="upper left", fontsize=8, bbox_to_anchor=(1.0, 1.0))
     figure.savefig(path)
