@@ -24,6 +24,19 @@ def seed(text: str) -> int:
     return _whole(text, 0, 2**31 - 1, "seed")
 
 
+def add_fleet(parser: argparse.ArgumentParser) -> None:
+    """Add `--jobs` and `--scheduler`, of which one at most may be given; see `msls_ros.fleet.run`."""
+    group = parser.add_mutually_exclusive_group()
+    group.add_argument(
+        "--jobs", type=count, default=1, metavar="N", help="so many at a time, each in a process (default: 1)"
+    )
+    group.add_argument(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="run on the workers of this Dask scheduler (tcp://HOST:PORT); files have the same paths there",
+    )
+
+
 def _whole(text: str, low: int, high: int | None, what: str) -> int:
     if not (text.isascii() and text.isdigit()) or int(text) < low or (high is not None and int(text) > high):
         limits = f"from {low}" if high is None else f"from {low} to {high}"

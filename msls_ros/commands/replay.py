@@ -7,16 +7,19 @@ import glob
 import json
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from msls_ros.bags import BagError
-from msls_ros.commands.arguments import OneLineParser, count
+from msls_ros.commands.arguments import OneLineParser, add_fleet, count
 from msls_ros.commands.offline import Replay, ReplayOptions, kept_parameters, replay
 from msls_ros.commands.profiles import profile_path, read_inputs, read_profile
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
+from msls_ros.fleet import Done, FleetError, run
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
@@ -50,43 +53,91 @@ def parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="folder of message definitions that a bag lacks (PKG/msg/NAME.msg); may be repeated",
     )
+    add_fleet(result)
     result.add_argument("--json", action="store_true", help="print a JSON list, one object for each bag")
     return result
+
+
+@dataclass(frozen=True)
+class Job:
+    """A bag to replay."""
+
+    bag: Path
+    out: Path
+    parameters: Path | None
+    """None: those kept in the bag's folder."""
+    arguments: argparse.Namespace
+    shown: bool
+    """Whether its own progress is shown."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Replay; return the exit code."""
     arguments = parser().parse_args(argv)
+    alone = arguments.jobs == 1 and arguments.scheduler is None
     try:
-        bags = _expand(arguments.bags)
-        given = profile_path(arguments.params) if arguments.params else None
-        if given is not None:
-            read_profile(given)
-            read_inputs(given)
-        places = _places(bags, arguments.out or DEFAULT_OUT)
+        jobs = _jobs(arguments, alone)
     except (BagError, EstimationError) as error:
         print(f"replay: {error}", file=sys.stderr)
         return 2
-    results = []
-    for bag, place in zip(bags, places, strict=True):
-        try:
-            results.append(_replay(bag, place, given or kept_parameters(bag), arguments))
-        except (BagError, EstimationError, OSError) as error:
-            print(f"replay: {error}", file=sys.stderr)
-            results.append({"bag": str(bag), "error": str(error)})
-        except KeyboardInterrupt:
-            print(f"replay: {bag}: interrupted; {place} holds what was done", file=sys.stderr)
-            return 130
-        else:
-            for warning in results[-1]["warnings"]:
-                print(f"replay: warning: {warning}", file=sys.stderr)
-            if not arguments.json:
-                print(describe(results[-1]))
+    results: dict[int, dict[str, Any]] = {}
+    missing = ""
+    try:
+        for done in _ends(jobs, arguments, alone):
+            results[done.index] = done.result or {"bag": str(jobs[done.index].bag), "error": done.error}
+            if alone:
+                _tell(results[done.index], arguments.json)
+    except FleetError as error:
+        missing = str(error)
+    except KeyboardInterrupt:
+        what, where = (jobs[len(results)].bag, jobs[len(results)].out) if alone else ("bags", jobs[0].out.parent)
+        print(f"replay: {what}: interrupted; {where} holds what was done", file=sys.stderr)
+        return 130
+    for index, job in enumerate(jobs):
+        result = results.setdefault(index, {"bag": str(job.bag), "error": missing})
+        if not alone:
+            _tell(result, arguments.json)
+    ordered = [results[index] for index in range(len(jobs))]
     if arguments.json:
-        print(json.dumps(results, indent=2))
-    elif len(results) > 1:
-        print(table(results))
-    return 2 if any(not result.get("samples") for result in results) else 0
+        print(json.dumps(ordered, indent=2))
+    elif len(ordered) > 1:
+        print(table(ordered))
+    return 2 if any(not result.get("samples") for result in ordered) else 0
+
+
+def _jobs(arguments: argparse.Namespace, alone: bool) -> list[Job]:
+    """Return what is to be done, the arguments checked."""
+    bags = _expand(arguments.bags)
+    out = arguments.out or DEFAULT_OUT
+    given = profile_path(arguments.params) if arguments.params else None
+    if arguments.scheduler is not None:  # its workers have other working directories
+        bags, out, given = [bag.resolve() for bag in bags], out.resolve(), given and given.resolve()
+    if given is not None:
+        read_profile(given)
+        read_inputs(given)
+    return [Job(bag, place, given, arguments, alone) for bag, place in zip(bags, _places(bags, out), strict=True)]
+
+
+def _ends(jobs: Sequence[Job], arguments: argparse.Namespace, alone: bool) -> Iterator[Done]:
+    """Give the end of each job when it comes; show how many there were, unless each shows its own progress."""
+    expected = (BagError, EstimationError, OSError)
+    with nullcontext() if alone else Progress(f"replaying {len(jobs)} bags", len(jobs), "bags") as bar:
+        ends = run(_replay, jobs, jobs=arguments.jobs, scheduler=arguments.scheduler, expected=expected)
+        for number, done in enumerate(ends, 1):
+            if bar is not None:
+                bar.show(number)
+            yield done
+
+
+def _tell(result: dict[str, Any], quiet: bool) -> None:
+    """Print what came of a bag; where ``quiet``, only what is wrong with it."""
+    if "error" in result:
+        print(f"replay: {result['error']}", file=sys.stderr)
+        return
+    for warning in result["warnings"]:
+        print(f"replay: warning: {warning}", file=sys.stderr)
+    if not quiet:
+        print(describe(result))
 
 
 def _expand(patterns: Sequence[str]) -> list[Path]:
@@ -123,7 +174,9 @@ def _name(bag: Path) -> str:
     return name if bag.is_dir() else name.split(".")[0] or name
 
 
-def _replay(bag: Path, out: Path, parameters: Path, arguments: argparse.Namespace) -> dict[str, Any]:
+def _replay(job: Job) -> dict[str, Any]:
+    arguments, bag = job.arguments, job.bag
+    parameters = job.parameters or kept_parameters(bag)
     configuration = read_profile(parameters)
     options = ReplayOptions(
         every=arguments.every,
@@ -136,14 +189,15 @@ def _replay(bag: Path, out: Path, parameters: Path, arguments: argparse.Namespac
     )
     size = _megabytes(bag)
     start = time.monotonic()
-    with Progress(f"replaying {bag.name}", size, "MB") as bar:
+    with Progress(f"replaying {bag.name}", size, "MB") if job.shown else nullcontext() as bar:
 
         def show(share: float, samples: int) -> None:
-            bar.show(share * size, f"{samples / max(time.monotonic() - start, 1e-9):,.0f} samples/s")
+            if bar is not None:
+                bar.show(share * size, f"{samples / max(time.monotonic() - start, 1e-9):,.0f} samples/s")
 
-        result = replay(bag, out, configuration, options, show)
+        result = replay(bag, job.out, configuration, options, show)
         show(1.0, result.samples)
-    return summary(bag, out, arguments.params or str(parameters), result)
+    return summary(bag, job.out, arguments.params or str(parameters), result)
 
 
 def _megabytes(bag: Path) -> float:
