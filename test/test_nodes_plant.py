@@ -10,76 +10,26 @@ import numpy as np
 import pytest
 from conftest import Bench, Clockwork
 from mcap.reader import make_reader
-from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, LinearModel, StateSample
-from msls_msgs.srv import InjectFault
+from msls_msgs.msg import DitherCommand, EffectorCommand, LinearModel, StateSample
 from rcl_interfaces.srv import DescribeParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rosbags.highlevel import AnyReader
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
+from tower import STEP, TRIM, Tower
 
 from msls_ros import messages
-from msls_ros.estimation import Dither, EstimationError, Level
+from msls_ros.estimation import EstimationError
 from msls_ros.nodes import pilot, plant, recorder
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.parameters import NodeError, declare_table
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import TOPICS, RecorderNode
-from msls_ros.plant import CONDITIONS, EFFECTORS, STATES, Aircraft, PlantError
+from msls_ros.plant import STATES, PlantError
 
-STEP = 20_000_000
-TRIM = Aircraft(CONDITIONS["high_alpha"]).trim
 NAN, INF = float("nan"), float("inf")
-
-
-class Tower:
-    """A plant in lockstep whose samples are answered by hand."""
-
-    def __init__(self, bench: Bench, **parameters: Any) -> None:
-        self.bench = bench
-        given = {"autostart": False, "time_out": 3600.0, "noise": "none", **parameters}
-        self.plant = bench.add(PlantNode, **given)
-        self.state: list[StateSample] = bench.listen(StateSample, "state")
-        self.effectors: list[EffectorSample] = bench.listen(EffectorSample, "effectors")
-        bench.publish("command", self.command())  # connects, and is refused: the flight has not begun
-        bench.publish("dither", self.dither())
-        bench.spin_until(lambda: sum(self.plant.refused.values()) == 2 or self.answered == 2, "the connection")
-        bench.spin_until(lambda: self.plant.state_publisher.get_subscription_count() > 0)
-        bench.spin_until(lambda: self.plant.effector_publisher.get_subscription_count() > 0)
-        self.plant.start()
-        bench.expect(self.effectors, 1)
-
-    @property
-    def answered(self) -> int:
-        return sum(answer is not None for answer in self.plant._answers.values())
-
-    @property
-    def stamp(self) -> int:
-        return messages.stamp_of(self.effectors[-1]) if self.effectors else -STEP
-
-    def command(self, **changes: Any) -> EffectorCommand:
-        message = messages.command_message(changes.pop("stamp", self.stamp), EFFECTORS, TRIM.delta)
-        return filled(message, changes)
-
-    def dither(self, **changes: Any) -> DitherCommand:
-        zero = Dither(np.zeros(7), 0.0, 0.0, 0.0, Level.NOMINAL, "test")
-        return filled(messages.dither_message(changes.pop("stamp", self.stamp), EFFECTORS, zero), changes)
-
-    def step(self) -> None:
-        """Answer the newest sample and wait for the next."""
-        count = len(self.effectors)
-        self.bench.publish("command", self.command())
-        self.bench.publish("dither", self.dither())
-        self.bench.expect(self.effectors, count + 1, "the next sample")
-        self.bench.expect(self.state, count + 1, "the next sample")
-
-
-def filled(message: Any, changes: dict[str, Any]) -> Any:
-    for name, value in changes.items():
-        setattr(message, name, value)
-    return message
 
 
 def test_the_plant_waits_for_command_and_dither_and_stamps_what_follows(bench: Bench) -> None:
@@ -229,23 +179,6 @@ def test_in_real_time_answers_out_of_order_are_refused_but_never_a_stop(bench: B
     assert sum(gate.values()) == 4
 
 
-def test_damage_by_service_changes_the_truth_and_is_refused_when_wrong(bench: Bench) -> None:
-    tower = Tower(bench, truth_every=1)
-    truth: list[LinearModel] = bench.listen(LinearModel, "truth/model")
-    tower.step()
-    answer = bench.call(InjectFault, "plant/inject_fault", effector="left_stabilator", effectiveness=0.0, bias=0.0)
-    assert answer.success
-    assert "left_stabilator lost" in answer.message
-    for wrong in (("left_wing", 0.0, 0.0), ("rudder", 2.0, 0.0), ("rudder", NAN, 0.0), ("ddt", 0.0, INF)):
-        answer = bench.call(InjectFault, "plant/inject_fault", effector=wrong[0], effectiveness=wrong[1], bias=wrong[2])
-        assert not answer.success
-        assert "expected" in answer.message
-    tower.step()
-    bench.expect(truth, 2)
-    b43 = [m.b[3 * 7 + 2] for m in truth]
-    assert b43[-1] < 0.6 * b43[0]
-
-
 def test_reset_flies_the_same_again_to_the_last_bit(bench: Bench) -> None:
     state: list[StateSample] = []
     model: list[LinearModel] = []
@@ -318,9 +251,17 @@ WRONG_AT_THE_START: list[tuple[type[Node], str, Any, str]] = [
     (PlantNode, "fdm_rate", 7, "50 to 1000 Hz"),
     (PlantNode, "steps_per_sample", 0, "1 to 1000 steps"),
     (PlantNode, "time_out", NAN, "0.01 to 3600 s"),
-    (PlantNode, "fault__time", INF, "-1 to 1e+06 s"),
-    (PlantNode, "fault__surface", "wing", "one of left_stabilator"),
-    (PlantNode, "fault__effectiveness", 1.5, "0 to 1"),
+    (PlantNode, "faults", "rudder", "a list of words"),
+    (PlantNode, "faults", ["rudder"], "the fault 'rudder' has no time; expected EFFECTOR time="),
+    (PlantNode, "faults", ["rudder time=inf effectiveness=0"], "time inf s: expected a number from 0"),
+    (PlantNode, "faults", ["wing time=1 effectiveness=0"], "expected one of left_stabilator"),
+    (PlantNode, "faults", ["rudder time=1 effectiveness=1.5"], "expected a number from 0 (lost) to 1 (intact)"),
+    (
+        PlantNode,
+        "faults",
+        ["dr time=1 effectiveness=0", "rudder time=1 effectiveness=1"],
+        "faults[1].effector 'rudder'",
+    ),
     (PilotNode, "condition", "moon", "one of high_alpha, cruise"),
     (PilotNode, "manoeuvre", "loop", "one of roll_doublet, steady"),
     (PilotNode, "roll_rate", NAN, "-1 to 1 rad/s"),

@@ -154,7 +154,7 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         seen = "NOT detected"
         if found["time_s"] is not None:
             seen = f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
-        grown = f", grown by {end:.2f} s" if end > start else ""
+        grown = f"; it grows until {end:.2f} s" if end > start else ""
         lines.append(f"{f'fault at {start:.2f} s':<22}{seen}{grown}")
     lines.append(f"false alarms          {s['false_alarms']}")
     after = "" if watched["truth_after"] is None else f" -> {watched['truth_after']:.3f}"

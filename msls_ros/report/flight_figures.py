@@ -75,8 +75,8 @@ def plot_parameter(
     limits = (-0.6 * level, 2.2 * level)
     for axis in axes:
         mark_events([axis], faults, alarms)
-        for name, (label, colour, width) in STYLES.items():
-            axis.plot(time, estimates[name], color=colour, linewidth=width, label=label)
+        for name, (who, colour, width) in STYLES.items():
+            axis.plot(time, estimates[name], color=colour, linewidth=width, label=who)
         band = np.where(np.isfinite(std), 1.96 * std, 10.0 * level)
         low, high = estimates["msls"] - band, estimates["msls"] + band
         axis.fill_between(time, low, high, color=OURS, alpha=0.15, linewidth=0, label="MSLS, 95 %")
