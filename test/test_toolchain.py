@@ -21,7 +21,7 @@ ROOMS = {
     # rosbags loses the end of a killed bag; mcap, with its codecs, does not
     "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},
     "report": {"numpy", "matplotlib"},
-    "fleet": {"dask", "distributed"},
+    "fleet": {"dask", "distributed", "yaml"},  # dask reads its own configuration with yaml
 }
 JOINING = {"nodes", "commands"}
 DEPENDENCIES = {"rclpy", "rosbags", "mcap", "jsbsim", "matplotlib", "tqdm", "msls_msgs", "std_msgs", "scipy"}

@@ -6,12 +6,16 @@ import asyncio
 import logging
 import queue
 import re
+import signal
+import threading
 import time
 from collections.abc import Generator, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from dask import config
 from distributed import CancelledError, Client, KilledWorker, LocalCluster
 from distributed import TimeoutError as NotYet
 
@@ -39,23 +43,29 @@ def local_client(jobs: int) -> Iterator[Any]:
     with (
         _quiet(),
         TemporaryDirectory(prefix="msls_") as folder,
-        LocalCluster(
-            n_workers=jobs,
-            threads_per_worker=1,
-            processes=True,
-            host="127.0.0.1",
-            dashboard_address=None,
-            silence_logs=logging.CRITICAL,
-            memory_limit=0,
-            local_directory=folder,
-            scheduler_kwargs={"allowed_failures": DEATHS - 1},
-        ) as cluster,
-        Client(cluster, set_as_default=False) as client,
+        config.set({"temporary-directory": folder}),
+        ExitStack() as stack,
     ):
+        with _no_interrupts():
+            cluster = stack.enter_context(
+                LocalCluster(
+                    n_workers=jobs,
+                    threads_per_worker=1,
+                    processes=True,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    silence_logs=logging.CRITICAL,
+                    memory_limit=0,
+                    scheduler_kwargs={"allowed_failures": DEATHS - 1, "dashboard_address": "127.0.0.1:0"},
+                )
+            )
+            client = stack.enter_context(Client(cluster, set_as_default=False))
+            stack.callback(cluster.sync, stop)
         try:
             yield client
         finally:
-            cluster.sync(stop)
+            with _no_interrupts():
+                stack.close()
 
 
 @contextmanager
@@ -82,6 +92,24 @@ def remote_client(scheduler: str, patience: float) -> Iterator[Any]:
             except ModuleNotFoundError as error:
                 raise FleetError(f"the scheduler {scheduler} lacks a module ({error}); {_NEEDED}") from error
             yield client
+
+
+@contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Put off Ctrl-C; the worker processes of a Dask that is started meanwhile never get it, even those it restarts."""
+    main = threading.current_thread() is threading.main_thread()
+    came: list[int] = []
+    resource_tracker.ensure_running()  # which, were it started later, would let the signal through again
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # threads and processes inherit it
+    handler = signal.signal(signal.SIGINT, lambda number, _: came.append(number)) if main else None
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)
+        if main:
+            signal.signal(signal.SIGINT, handler)
+            if came:
+                signal.raise_signal(signal.SIGINT)
 
 
 @contextmanager

@@ -10,7 +10,6 @@ import hashlib
 import platform
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -65,14 +64,20 @@ def attempt(function: Callable[[Any], Any], task: Any, index: int, expected: tup
         return Done(index, None, str(error))
 
 
-@lru_cache(maxsize=1)
 def running_code() -> str:
     """Return the code of this process, for people: the package with a digest of its sources, and the Python."""
+    return _CODE
+
+
+def _running_code() -> str:
     package = Path(__file__).parent.parent
     total = hashlib.sha256()
     for path in sorted(package.rglob("*.py")):
         total.update(f"{path.relative_to(package)}\n".encode() + path.read_bytes())
     return f"{package.name} with sources {total.hexdigest()[:12]} on Python {platform.python_version()}"
+
+
+_CODE = _running_code()  # now: a process goes on with what it has imported, whatever becomes of the files
 
 
 def check_code(theirs: str, who: str, ours: str | None = None) -> None:
