@@ -234,7 +234,7 @@ class Fleet:
             if isinstance(code, str):
                 check_code(code, f"the worker {worker}")
             elif isinstance(code, OSError):  # it has died since
-                del threads[worker]
+                threads.pop(worker, None)
             else:
                 raise FleetError(f"the worker {worker} cannot run this ({code}); {_NEEDED}")
         self._known = threads
