@@ -138,10 +138,10 @@ def test_arrays_of_any_layout_give_the_same_bits() -> None:
 @pytest.mark.parametrize("mode", list(MODES))
 def test_colours_weigh_one_and_errors_are_infinite_before_data(mode: str) -> None:
     identifier = Identifier(configuration(mode))
-    assert np.isinf(row_uncertainty(identifier._regression.state, 0).errors).all()
+    assert np.isinf(row_uncertainty(identifier._regression.settings, identifier._regression.state, 0).errors).all()
     identifier.run(*flight(), every=SAMPLES)
     for row in range(3):
-        found = row_uncertainty(identifier._regression.state, row)
+        found = row_uncertainty(identifier._regression.settings, identifier._regression.state, row)
         assert found.weights.sum() == pytest.approx(1.0)
         assert (found.weights >= 0.0).all()
         assert np.count_nonzero(found.weights) <= 2

@@ -9,7 +9,7 @@ from flights import FlightLog, fly
 from msls_ros.commands.profiles import read_profile
 from msls_ros.commands.scenarios import find_scenario
 from msls_ros.estimation import Configuration, EventKind
-from msls_ros.plant import MANOEUVRES
+from msls_ros.plant import EFFECTORS, MANOEUVRES, STATES
 
 SCENARIO = find_scenario("roll_doublet_tail_fault")
 ROWS = 6
@@ -128,3 +128,40 @@ def test_error_bars_cover_the_truth_with_dither(colour: float) -> None:
         for s in range(6)
     ]
     assert 0.88 <= float(np.mean(shares)) <= 0.99
+
+
+def pooled_coverage(noise: str, turbulence: str, *, quiet: bool) -> tuple[float, int]:
+    """Share of what is called reliable that is right, over four flights of 25 s, and its number."""
+    hits = 0.0
+    total = 0
+    for seed in range(4):
+        chosen = SCENARIO.configuration(noise, seed, dither=True) if quiet else configuration(noise, seed)
+        log = fly(chosen, noise=noise, seed=seed, duration=25.0, turbulence=turbulence)
+        assert all(np.isfinite(e.a).all() and np.isfinite(e.b).all() for e in log.estimates)
+        share, number = coverage(log, reliable_only=True)
+        hits, total = hits + (share * number if number else 0.0), total + number
+    return hits / max(total, 1), total
+
+
+@pytest.mark.parametrize(
+    ("noise", "quiet", "turbulence"),
+    [
+        ("none", True, "light"),
+        ("none", True, "moderate"),
+        ("low", True, "light"),
+        ("low", True, "moderate"),
+        ("low", True, "severe"),
+        ("low", False, "moderate"),
+        ("low", False, "severe"),
+    ],
+)
+def test_what_is_called_reliable_in_turbulence_is(noise: str, quiet: bool, turbulence: str) -> None:
+    share, number = pooled_coverage(noise, turbulence, quiet=quiet)
+    assert number >= 50
+    assert share >= 0.85
+
+
+def test_in_still_air_the_roll_power_stays_reliable() -> None:
+    log = fly(SCENARIO.configuration("low", 0, dither=True), noise="low", seed=0, duration=12.0)
+    p, ddt = STATES.index("P"), EFFECTORS.index("ddt")
+    assert np.mean([e.b_reliable[p, ddt] for e in log.estimates[50:]]) >= 0.6

@@ -14,7 +14,8 @@ from typing import Any
 import yaml
 
 from msls_ros.estimation import Configuration, EstimationError, InputMap, from_mapping
-from msls_ros.estimation.configuration import Bounds, items
+from msls_ros.estimation.configuration import items
+from msls_ros.estimation.sections import Bounds
 
 WIDTH = 116
 OTHER = ("autostart", "publish_every", "use_sim_time", "inputs")

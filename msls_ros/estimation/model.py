@@ -20,7 +20,7 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import add_known, find_known, find_states
 from msls_ros.estimation.regression import Regression
-from msls_ros.estimation.state import State
+from msls_ros.estimation.state import Settings, State
 from msls_ros.estimation.uncertainty import error_bars
 
 Flags = NDArray[np.bool_]
@@ -61,13 +61,15 @@ class Layout(NamedTuple):
 
 
 @compiled
-def fill_model(state: State, layout: Layout, x: Array, mix: Array, errors: Array, out: Model) -> None:
+def fill_model(
+    settings: Settings, state: State, layout: Layout, x: Array, mix: Array, errors: Array, out: Model
+) -> None:
     """Fill a model that holds nothing yet.
 
     Parameters
     ----------
-    state
-        The loop's state.
+    settings, state
+        Of the loop.
     layout
         Sizes and limits.
     x
@@ -79,16 +81,17 @@ def fill_model(state: State, layout: Layout, x: Array, mix: Array, errors: Array
     """
     r = layout.kept.shape[0]
     last = errors.shape[0] - 1
+    watched = not settings.confounded or state.samples[0] >= settings.watch
     add_known(x, layout.known, out.a, out.bias)
     for q in range(r):
         row = layout.kept[q]
-        out.residual_std[row] = error_bars(state, q, mix[0], mix[1], errors)
+        out.residual_std[row] = error_bars(settings, state, q, mix[0], mix[1], errors)
         for i in range(last + 1):
             theta = state.theta[q, i]
             rho = state.rho[state.group[q], i]
             out.excitation[i] = min(out.excitation[i], rho)
             allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
-            reliable = rho >= layout.excitation and errors[i] <= allowed
+            reliable = rho >= layout.excitation and errors[i] <= allowed and (i >= r or watched)
             if i < r:
                 column = layout.kept[i]
                 out.a[row, column] += theta
@@ -119,7 +122,7 @@ class Assembly:
         n, p = len(c.states), len(c.regressors)
         kept = np.array([c.states.index(s) for s in c.rows], np.int64)
         self._shape = n, len(c.effectors), p
-        self._state = regression.state
+        self._settings, self._state = regression.settings, regression.state
         self._layout = Layout(
             kept=kept,
             known=find_states(c.states) if c.known_gravity else np.full(9, -1),
@@ -150,5 +153,5 @@ class Assembly:
             residual_std=np.full(n, math.nan),
             excitation=np.full(p, math.inf),
         )
-        fill_model(self._state, self._layout, x, *self._scratch, model)
+        fill_model(self._settings, self._state, self._layout, x, *self._scratch, model)
         return model

@@ -58,6 +58,12 @@ def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
         merge_after=9,
         effectors_from=0,
         effectors_to=0,
+        confounded=False,
+        reference_forgetting=1.0,
+        confounding=np.zeros(regressors),
+        watch=0,
+        evidence_forgetting=1.0,
+        horizon=0.0,
     )
     return settings._replace(**changes)
 
@@ -188,4 +194,4 @@ class Regression:
 
     def standard_errors(self, row: int) -> Array:
         """(p,) standard errors of a row's estimates."""
-        return row_uncertainty(self.state, row).errors
+        return row_uncertainty(self.settings, self.state, row).errors

@@ -9,7 +9,7 @@ with the one before. With exponential weights f this file sums, per row and colo
     colour[1] = sum f^(n-k) e_k e_(k-1) / sqrt(s_k s_(k-1)) measured product of successive prediction errors
     colour[2] = sum f^(n-k) l_k         / sqrt(s_k s_(k-1)) predicted one
 
-`uncertainty` compares the last two to find the colour.
+The colour is the coefficient for which the last two agree.
 """
 
 from __future__ import annotations
@@ -64,3 +64,77 @@ def observe_residual(s: Settings, x: State, q: int, g: int, e: float, variance: 
             x.colour[q, m, 0] = f * x.colour[q, m, 0] + e * e / variance[m]
             x.colour[q, m, 1] = f * x.colour[q, m, 1] + e * x.e[q] / norm
             x.colour[q, m, 2] = f * x.colour[q, m, 2] + lag[m] / norm
+
+
+@compiled
+def colour_weights(x: State, q: int, weights: Array) -> None:
+    """Say how much each residual colour counts for row q: (m,) out, sum 1, at most two neighbours nonzero."""
+    m = weights.shape[0]
+    for i in range(m):
+        weights[i] = 0.0
+    total = x.weight[q, 1]
+    before = 0.0
+    for i in range(m if total > 0.0 else 0):
+        square = x.colour[q, i, 0]
+        difference = (x.colour[q, i, 1] / square if square > 0.0 else 0.0) - x.colour[q, i, 2] / total
+        if difference <= 0.0:
+            share = before / (before - difference) if i > 0 else 1.0
+            weights[i] = share
+            if i > 0:
+                weights[i - 1] = 1.0 - share
+            return
+        before = difference
+    weights[m - 1 if total > 0.0 else 0] = 1.0
+
+
+@compiled
+def residual_variances(x: State, q: int, variances: Array) -> None:
+    """Variance of row q's residual under each colour: (m,) out [output^2]; NaN before there is any data.
+
+    Coloured residuals repeat themselves: their variance is taken over the longer memory of the colour.
+    """
+    short = x.weight[q, 0]
+    long = x.weight[q, 1]
+    for m in range(variances.shape[0]):
+        if m > 0 and long > 0.0:
+            variances[m] = x.colour[q, m, 0] / long
+        else:
+            variances[m] = x.residual[q, m] / short if short > 0.0 else math.nan
+
+
+@compiled
+def noise_errors(x: State, q: int, weights: Array, variances: Array, errors: Array) -> float:
+    """Fill in the standard errors of row q's estimates by residuals that know nothing of the regressors.
+
+    Parameters
+    ----------
+    x
+        The loop's state.
+    q
+        Identified row.
+    weights, variances
+        (m,) out: see `colour_weights` and `residual_variances`.
+    errors
+        (p,) out; infinite before there is any data.
+
+    Returns
+    -------
+    float
+        Standard deviation of the residual [output]; NaN before there is any data.
+    """
+    colour_weights(x, q, weights)
+    residual_variances(x, q, variances)
+    mean = 0.0
+    for m in range(weights.shape[0]):
+        if weights[m] > 0.0:
+            mean += weights[m] * variances[m]
+    g = x.group[q]
+    for i in range(errors.shape[0]):
+        square = 0.0
+        for m in range(weights.shape[0]):
+            if weights[m] > 0.0:
+                square += weights[m] * variances[m] * x.P[g, m, i, i]
+        errors[i] = 0.0 if square < 0.0 else math.sqrt(square)
+        if x.weight[q, 0] <= 0.0:
+            errors[i] = math.inf
+    return math.sqrt(mean)

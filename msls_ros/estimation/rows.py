@@ -18,6 +18,7 @@ import math
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.detection import sense_change
 from msls_ros.estimation.kernel import Array, Integers, Work, inverse_diagonal, msls_gain, rls_gain
+from msls_ros.estimation.reference import follow_reference
 from msls_ros.estimation.residuals import observe_residual, propagate_colours
 from msls_ros.estimation.state import Output, Settings, State, clear_group
 
@@ -64,6 +65,8 @@ def advance(
                     used = True
             if used:
                 update_group(s, x, g, phi[n], y[n], out.e[n], w0, work)
+        if s.confounded:
+            follow_reference(s, x, phi[n], y[n], w0, work)
         merge(s, x)
         x.samples[0] += 1
         out.excitation[n] = summarise(s, x, weights, out.effect[n])

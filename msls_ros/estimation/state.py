@@ -18,6 +18,10 @@ COLOURS = (0.0, 0.7, 0.9, 0.97, 0.995)
 """Coefficients of the AR(1) residuals for which the covariance is propagated; estimates in between are interpolated."""
 
 
+PRESUMED, PRESUMPTION = 1.0, 20.0
+"""Evidence (`reference`) that is presumed at the start, and the number of looks at a row that it counts for."""
+
+
 class Settings(NamedTuple):
     """What the loop needs to know; p regressors, r rows, m colours."""
 
@@ -57,6 +61,18 @@ class Settings(NamedTuple):
     effectors_from: int
     """Index of the first effector among the regressors."""
     effectors_to: int
+    confounded: bool
+    """Whether a reference model runs beside, to see what the model does not know."""
+    reference_forgetting: float
+    """Forgetting factor of the reference model, closer to 1 than the estimator's [1]."""
+    confounding: Array
+    """(p,) squared correlation of what the model does not know with each regressor [1]."""
+    watch: int
+    """Samples before the reference model vouches for the columns of the states."""
+    evidence_forgetting: float
+    """Of the evidence, per look at a row [1]."""
+    horizon: float
+    """Samples that the estimate looks back, ``(1 + lambda)/(1 - lambda)``."""
 
 
 class State(NamedTuple):
@@ -108,6 +124,16 @@ class State(NamedTuple):
     """(r,) slow mean square of the outputs."""
     phi_ms: Array
     """(p,) slow mean square of the regressors."""
+    reference: Array
+    """(p, p) data factor of the reference model."""
+    reference_theta: Array
+    """(r, p) its estimates."""
+    reference_last: Array
+    """(r,) its last prediction errors; NaN: none."""
+    lasting: Array
+    """(r, 2) weighted sum of its products of successive prediction errors, and of the weights."""
+    evidence: Array
+    """(2,) weighted sum of the squared deviations of the estimates from it over their variances, and of the weights."""
     samples: Integers
     """(1,) samples since the last reset."""
 
@@ -156,6 +182,11 @@ def make_state(settings: Settings, rows: int) -> State:
         P_before=np.zeros((rows, m, p, p)),
         y_ms=np.zeros(rows),
         phi_ms=np.zeros(p),
+        reference=np.zeros((p, p)),
+        reference_theta=np.zeros((rows, p)),
+        reference_last=np.zeros(rows),
+        lasting=np.zeros((rows, 2)),
+        evidence=np.zeros(2),
         samples=np.zeros(1, np.int64),
     )
 
@@ -211,6 +242,14 @@ def clear(s: Settings, x: State) -> None:
             x.residual[q, m] = 0.0
             for k in range(3):
                 x.colour[q, m, k] = 0.0
+        x.reference_last[q] = math.nan
+        x.lasting[q, 0] = 0.0
+        x.lasting[q, 1] = 0.0
     for i in range(x.phi_ms.shape[0]):
         x.phi_ms[i] = 0.0
+        for k in range(x.phi_ms.shape[0]):
+            x.reference[i, k] = 0.0
+        x.reference[i, i] = s.penalty[i] * s.scale[i]
+    x.evidence[0] = PRESUMED * PRESUMPTION
+    x.evidence[1] = PRESUMPTION
     x.samples[0] = 0

@@ -93,7 +93,7 @@ class Supervisor:
         group = state.group[q]
         if state.age[group] < p + limits.least_samples:
             return []
-        of_row = row_uncertainty(state, q)
+        of_row = row_uncertainty(regression.settings, state, q)
         before, since = np.zeros((p, p)), np.zeros((p, p))
         for m, share in enumerate(of_row.weights):
             if share > 0.0:

@@ -1,10 +1,21 @@
-"""Error bars and reliability from the propagated covariance, for white and for coloured residuals.
+"""Error bars from the propagated covariance: for white and coloured residuals, and for what moves with the regressors.
 
 The kernel propagates the parameter covariance of the gains actually used for residuals that are AR(1) with each of a
 few coefficients (`COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind
 them, so their own autocorrelation says little; instead the measured product of successive prediction errors is compared
 with the one that each coefficient predicts, and the error bars are interpolated between the two coefficients that
-bracket it.
+bracket it (`residuals`).
+
+That holds for residuals that know nothing of the regressors. Gusts do: they move states and accelerations together, and
+bias the estimates. A residual ``v`` that moves with the regressors adds up over the N samples that the estimate looks
+back instead of averaging out. By Cauchy and Schwarz, ``P`` being the covariance for white residuals::
+
+    |bias_i| = |sum_k (Psi_nk K_k)_i v_k|  <=  rho sqrt(N) sigma_v sqrt(P_ii),    N = (1 + lambda)/(1 - lambda)
+
+``sigma_v`` is that of the lasting part of the residuals of a reference model, weighed by the evidence that the
+estimates stray from it (`reference`): the estimator's own residuals are orthogonal to the regressors by construction.
+``rho``, for states and for effectors, is a parameter; 1 is the worst that can be. The error bar is the larger of the
+two.
 
 References
 ----------
@@ -21,57 +32,23 @@ import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.state import State
+from msls_ros.estimation.reference import lasting_variance
+from msls_ros.estimation.residuals import noise_errors
+from msls_ros.estimation.state import Settings, State
 
 
 @compiled
-def colour_weights(x: State, q: int, weights: Array) -> None:
-    """Say how much each residual colour counts for row q: (m,) out, sum 1, at most two neighbours nonzero."""
-    m = weights.shape[0]
-    for i in range(m):
-        weights[i] = 0.0
-    total = x.weight[q, 1]
-    before = 0.0
-    for i in range(m if total > 0.0 else 0):
-        square = x.colour[q, i, 0]
-        difference = (x.colour[q, i, 1] / square if square > 0.0 else 0.0) - x.colour[q, i, 2] / total
-        if difference <= 0.0:
-            share = before / (before - difference) if i > 0 else 1.0
-            weights[i] = share
-            if i > 0:
-                weights[i - 1] = 1.0 - share
-            return
-        before = difference
-    weights[m - 1 if total > 0.0 else 0] = 1.0
-
-
-@compiled
-def residual_variances(x: State, q: int, variances: Array) -> None:
-    """Variance of row q's residual under each colour: (m,) out [output^2]; NaN before there is any data.
-
-    Coloured residuals repeat themselves: their variance is taken over the longer memory of the colour.
-    """
-    short = x.weight[q, 0]
-    long = x.weight[q, 1]
-    for m in range(variances.shape[0]):
-        if m > 0 and long > 0.0:
-            variances[m] = x.colour[q, m, 0] / long
-        else:
-            variances[m] = x.residual[q, m] / short if short > 0.0 else math.nan
-
-
-@compiled
-def error_bars(x: State, q: int, weights: Array, variances: Array, errors: Array) -> float:
+def error_bars(s: Settings, x: State, q: int, weights: Array, variances: Array, errors: Array) -> float:
     """Fill in the standard errors of row q's estimates; return the standard deviation of its residual.
 
     Parameters
     ----------
-    x
-        The loop's state.
+    s, x
+        The loop's settings and state.
     q
         Identified row.
     weights, variances
-        (m,) out: see `colour_weights` and `residual_variances`.
+        (m,) out: how much each colour counts, and the residual variance under it [output^2].
     errors
         (p,) out; infinite before there is any data.
 
@@ -80,22 +57,15 @@ def error_bars(x: State, q: int, weights: Array, variances: Array, errors: Array
     float
         [output]; NaN before there is any data.
     """
-    colour_weights(x, q, weights)
-    residual_variances(x, q, variances)
-    mean = 0.0
-    for m in range(weights.shape[0]):
-        if weights[m] > 0.0:
-            mean += weights[m] * variances[m]
-    g = x.group[q]
-    for i in range(errors.shape[0]):
-        square = 0.0
-        for m in range(weights.shape[0]):
-            if weights[m] > 0.0:
-                square += weights[m] * variances[m] * x.P[g, m, i, i]
-        errors[i] = 0.0 if square < 0.0 else math.sqrt(square)
-        if x.weight[q, 0] <= 0.0:
-            errors[i] = math.inf
-    return math.sqrt(mean)
+    residual = noise_errors(x, q, weights, variances, errors)
+    if s.confounded:
+        lasting = lasting_variance(s, x, q)
+        g = x.group[q]
+        for i in range(errors.shape[0]):
+            bias = s.confounding[i] * lasting * x.P[g, 0, i, i]
+            if bias > errors[i] * errors[i]:
+                errors[i] = math.sqrt(bias)
+    return residual
 
 
 class RowUncertainty(NamedTuple):
@@ -111,9 +81,9 @@ class RowUncertainty(NamedTuple):
     """Standard deviation of the residual [output]."""
 
 
-def row_uncertainty(state: State, row: int) -> RowUncertainty:
+def row_uncertainty(settings: Settings, state: State, row: int) -> RowUncertainty:
     """Return the uncertainty of one row's estimates and of its residual, as `error_bars`."""
     p, m = state.theta.shape[1], state.residual.shape[1]
     weights, variances, errors = np.empty(m), np.empty(m), np.empty(p)
-    residual = error_bars(state, row, weights, variances, errors)
+    residual = error_bars(settings, state, row, weights, variances, errors)
     return RowUncertainty(weights, variances, errors, residual)

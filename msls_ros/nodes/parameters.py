@@ -11,7 +11,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from msls_ros.estimation import Configuration, from_mapping
-from msls_ros.estimation.configuration import Bounds, items
+from msls_ros.estimation.configuration import items
+from msls_ros.estimation.sections import Bounds
 
 Table = Mapping[str, tuple[Any, Bounds]]
 """Default and bounds by name."""
