@@ -318,7 +318,8 @@ class DitherLaw:
     def silence(self, count: int) -> DitherBlock:
         """Return zero dithers for that many samples, for a frozen estimator; the sequences stand still."""
         zero = np.zeros(count)
-        level, reason = np.zeros(count, np.int64), np.full(count, FROZEN)
+        level, reason = np.zeros(count, np.int64), np.empty(count, np.int64)
+        reason.fill(FROZEN)
         return DitherBlock(np.zeros((count, self._effectors)), zero, zero.copy(), zero.copy(), level, reason)
 
     def _draw(self, count: int) -> Array:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
-from msls_ros.estimation.compiled import warn_if_interpreted
+from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
@@ -36,6 +36,8 @@ class Run:
     estimates: list[Estimate]
     dithers: list[DitherBlock]
     """The dithers that answer the samples, block by block."""
+    followed: list[Array]
+    """The estimate that is followed after each sample, block by block; see `Identifier.follow`."""
 
 
 class Identifier:
@@ -61,6 +63,7 @@ class Identifier:
         self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
         self._assembly = Assembly(c, self._regression)
         self._enabled = True
+        self._followed = -1, -1
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
@@ -126,8 +129,13 @@ class Identifier:
         self._law.configure(self.configuration)
         self._supervisor.configure(self.configuration)
         self._regression.settings = _settings(self.configuration)
+        self._follow()
         self._assembly = Assembly(self.configuration, self._regression)
         self._regression.weights = self._law.weights
+
+    def _follow(self) -> None:
+        row, column = self._followed
+        self._regression.settings = self._regression.settings._replace(followed_row=row, followed_column=column)
 
     @property
     def alarms(self) -> int:
@@ -164,10 +172,52 @@ class Identifier:
         EstimationError
             For wrong shapes or numbers that are not finite; nothing has changed then.
         """
+        self.learn(time, x, xdot, delta)
+        return self.estimate(time, np.asarray(x, float))
+
+    def learn(self, time: float, x: Array, xdot: Array, delta: Array) -> Dither:
+        """Take one sample without putting the model together; return the dither that answers it.
+
+        As `update` otherwise; `estimate` gives the model when it is wanted.
+        """
         sample = np.array([time], dtype=np.float64), _two(x), _two(xdot), _two(delta)
         self._check(*sample)
         self._take(*sample)
-        return self.estimate(time, np.asarray(x, float))
+        return self._dither
+
+    def follow(self, row: str, column: str) -> None:
+        """Have `run` and `followed` tell one estimate after every sample, at no cost to speak of.
+
+        Parameters
+        ----------
+        row
+            State whose derivative equation it stands in.
+        column
+            State or effector.
+
+        Raises
+        ------
+        EstimationError
+            For what is not identified.
+        """
+        if row not in self.configuration.rows or column not in self._regressors:
+            message = (
+                f"d{row}/dt by {column} is not identified; rows are {', '.join(self.configuration.rows)}, columns "
+                f"{', '.join(self._regressors)}"
+            )
+            raise EstimationError(message)
+        self._followed = self.configuration.rows.index(row), self._regressors.index(column)
+        self._follow()
+
+    @property
+    def news(self) -> bool:
+        """Whether there are events that no estimate has told yet."""
+        return bool(self._events)
+
+    @property
+    def followed(self) -> float:
+        """The estimate that is followed, after the last sample."""
+        return float(self._regression.theta[self._followed])
 
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
         """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
@@ -186,27 +236,34 @@ class Identifier:
         EstimationError
             As `update`; nothing has changed then.
         """
-        self._check(time, x, xdot, delta)
-        estimates: list[Estimate] = []
-        blocks: list[DitherBlock] = []
         x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (x, xdot, delta))
+        self._check(time, x, xdot, delta)
+        run = Run([], [], [])
         start = 0
         while start < len(time):
             due = every - int(self._regression.state.samples[0]) % every
             stop = min(start + due, len(time))
-            blocks.append(self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop]))
+            block, followed = self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
+            run.dithers.append(block)
+            run.followed.append(followed)
             if self._regression.state.samples[0] % every == 0 or self._events:
-                estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
+                run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
-        return Run(estimates, blocks)
+        return run
 
-    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> DitherBlock:
-        """Put checked samples through the compiled loop and the dither law; return the dithers that answer them."""
+    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> tuple[DitherBlock, Array]:
+        """Put checked samples through the compiled loop and the dither law.
+
+        Returns
+        -------
+        tuple
+            The dithers that answer the samples, and the estimate that is followed after each.
+        """
         count = len(time)
         if not self._enabled:
             block = self._law.silence(count)
             self._dither = block.at(count - 1)
-            return block
+            return block, np.full(count, self.followed)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         out = make_output(count, len(self._kept))
@@ -221,7 +278,7 @@ class Identifier:
         self._error = out.e[count - 1]
         block = self._law.commands(time, out.effect, out.excitation, out.alarm, delta)
         self._dither = block.at(count - 1)
-        return block
+        return block, out.followed
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)
@@ -229,7 +286,7 @@ class Identifier:
             if array.shape != (len(time), width):
                 message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
                 raise EstimationError(message)
-            if not (np.abs(array) < LARGEST).all():
+            if not within(array, LARGEST):
                 message = (
                     f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
                 )
@@ -264,8 +321,19 @@ class Identifier:
         )
 
 
+@compiled
+def within(array: Array, limit: float) -> bool:
+    """Whether every number of an array (n, m) is less than the limit in size, and a number."""
+    outside = 0
+    for i in range(array.shape[0]):
+        for j in range(array.shape[1]):
+            if not abs(array[i, j]) < limit:
+                outside += 1
+    return outside == 0
+
+
 def _two(array: Array) -> Array:
-    return np.asarray(array, dtype=np.float64).reshape(1, -1)
+    return np.ascontiguousarray(array, dtype=np.float64).reshape(1, -1)
 
 
 def _settings(c: Configuration) -> Settings:
@@ -314,5 +382,7 @@ def _settings(c: Configuration) -> Settings:
         watch=4 * p + math.ceil(reference),
         confounding=confounding,
         evidence_forgetting=max(1.0 - p / (reliability.colour_memory * len(c.rows)), 0.0),
+        followed_row=-1,
+        followed_column=-1,
         horizon=(1.0 + forgetting) / (1.0 - forgetting) if forgetting < 1.0 else math.inf,
     )

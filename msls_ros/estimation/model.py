@@ -149,9 +149,12 @@ class Assembly:
             a_std=np.zeros((n, n)),
             b_std=np.zeros((n, m)),
             a_reliable=self.a_known.copy(),
-            b_reliable=np.ones((n, m), np.bool_),
-            residual_std=np.full(n, math.nan),
-            excitation=np.full(p, math.inf),
+            b_reliable=np.empty((n, m), np.bool_),
+            residual_std=np.empty(n),
+            excitation=np.empty(p),
         )
+        model.b_reliable.fill(True)
+        model.residual_std.fill(math.nan)
+        model.excitation.fill(math.inf)
         fill_model(self._settings, self._state, self._layout, x, *self._scratch, model)
         return model

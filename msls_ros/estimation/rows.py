@@ -70,6 +70,8 @@ def advance(
         merge(s, x)
         x.samples[0] += 1
         out.excitation[n] = summarise(s, x, weights, out.effect[n])
+        if s.followed_row >= 0:
+            out.followed[n] = x.theta[s.followed_row, s.followed_column]
         if any_alarm:
             return n + 1
     return stop

@@ -71,6 +71,9 @@ class Settings(NamedTuple):
     """Samples before the reference model vouches for the columns of the states."""
     evidence_forgetting: float
     """Of the evidence, per look at a row [1]."""
+    followed_row: int
+    followed_column: int
+    """Of the estimate that `Output.followed` holds; negative: none."""
     horizon: float
     """Samples that the estimate looks back, ``(1 + lambda)/(1 - lambda)``."""
 
@@ -151,6 +154,8 @@ class Output(NamedTuple):
     """(n, r) sum over the effectors of weight * |estimate| (eq 23)."""
     excitation: Array
     """(n,) least excitation of an effector in any group."""
+    followed: Array
+    """(n,) one estimate after each sample; NaN where none is followed."""
 
 
 def make_state(settings: Settings, rows: int) -> State:
@@ -194,7 +199,10 @@ def make_state(settings: Settings, rows: int) -> State:
 def make_output(samples: int, rows: int) -> Output:
     """Allocate what `advance` says of that many samples."""
     shape = (samples, rows)
-    return Output(np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape), np.zeros(samples))
+    followed = np.empty(samples)
+    followed.fill(math.nan)
+    e, statistic, alarm, effect = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
+    return Output(e, statistic, alarm, effect, np.zeros(samples), followed)
 
 
 @compiled

@@ -57,7 +57,8 @@ _TUSTIN = 4
 _STREAM = 0x6057
 # JSBSim's generator is the minimal standard one: seeds 1 to this, and 0 is the same as 1.
 _GENERATOR_SEEDS = 2**31 - 2
-_SI = np.array([FOOT, FOOT, FOOT, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+SI = np.array([FOOT, FOOT, FOOT, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
+"""Units of the model's states in m, s and rad."""
 
 
 @dataclass(frozen=True)
@@ -190,13 +191,26 @@ class Model:
 
         The actuators are where they are told to be: JSBSim lets them pass their commands while it trims.
         """
+        self.command(delta)
+        self.place(x)
+
+    def place(self, x: Sequence[float]) -> None:
+        """Set states (9,) [m/s, rad/s, rad] under the effector commands as they are, and compute the forces there."""
         u, v, w, p, q, r, phi, theta, psi = x
         values = (phi, theta, math.fmod(psi, 2.0 * math.pi), u / FOOT, v / FOOT, w / FOOT, p, q, r)
         for node, value in zip(self._ic_state, values, strict=True):
             node.set_double_value(value)
-        self.command(delta)
         self._fdm.set_trim_status(True)
         self._initialise()
+        self._fdm.set_trim_status(False)
+
+    def respond(self, delta: Sequence[float]) -> None:
+        """Compute the forces with other effector commands (7,) [rad] where the last `put` was: half the price of one."""
+        self.command(delta)
+        self._fdm.set_trim_status(True)
+        self._fdm.suspend_integration()
+        self.run()
+        self._fdm.resume_integration()
         self._fdm.set_trim_status(False)
 
     def command(self, delta: Sequence[float]) -> None:
@@ -206,7 +220,7 @@ class Model:
 
     def state(self) -> Array:
         """States (9,) [m/s, rad/s, rad]; Psi in 0..2 pi."""
-        values: Array = np.array([node.get_double_value() for node in self._x]) * _SI
+        values: Array = np.array([node.get_double_value() for node in self._x]) * SI
         return values
 
     def heading(self) -> float:
@@ -215,12 +229,16 @@ class Model:
 
     def derivative(self) -> Array:
         """Time derivatives of the states (9,) [m/s^2, rad/s^2, rad/s]."""
-        values: Array = np.array([node.get_double_value() for node in self._xdot]) * _SI
+        values: Array = np.array(self.readings()) * SI
         return values
+
+    def readings(self) -> list[float]:
+        """Time derivatives of the states (9,) in units of the model; times `SI` they are `derivative`."""
+        return [node.get_double_value() for node in self._xdot]
 
     def air_relative(self) -> Array:
         """Body velocities and rates relative to the air (6,) [m/s, rad/s]."""
-        values: Array = np.array([node.get_double_value() for node in self._air_relative]) * _SI[:6]
+        values: Array = np.array([node.get_double_value() for node in self._air_relative]) * SI[:6]
         return values
 
     def positions(self) -> Array:

@@ -27,6 +27,7 @@ from msls_ros.plant.manoeuvres import Manoeuvre
 from msls_ros.plant.trim import Trim
 
 _GRAVITY = 9.80665
+_DE, _DTE = EFFECTORS.index("de"), EFFECTORS.index("dte")
 _LATERAL_STATES = tuple(STATES.index(name) for name in ("v", "P", "R"))
 _LATERAL_EFFECTORS = tuple(EFFECTORS.index(name) for name in ("dr", "ddt", "ddf", "dtr"))
 _Q = np.diag([4.0, 1.0, 1.5])
@@ -103,7 +104,7 @@ class Pilot:
         rows = list(_LATERAL_STATES)
         a3 = truth_at_trim.a[np.ix_(rows, rows)] * scale[:, None] / scale
         b3 = b[np.ix_(rows, list(_LATERAL_EFFECTORS))] * scale[:, None]
-        self._lateral_gain = riccati_gain(a3, b3, _Q, _R * price)
+        self._lateral_gain: list[list[float]] = riccati_gain(a3, b3, _Q, _R * price).tolist()
         self._integral = 0.0
         self._time: float | None = None
 
@@ -134,19 +135,20 @@ class Pilot:
         u, v, w, p, q, r, phi, theta, _ = state.tolist()
         airspeed = max(math.sqrt(u * u + v * v + w * w), 1.0)
         alpha = math.atan2(w, u)
-        delta = self._trim.delta.copy()
+        delta: list[float] = self._trim.delta.tolist()
         moment = self._pitch(time, alpha - self._trim.alpha - self._manoeuvre.alpha_offset(time), q)
-        delta[EFFECTORS.index("de")] += 0.5 * moment
-        delta[EFFECTORS.index("dte")] += moment
+        delta[_DE] += 0.5 * moment
+        delta[_DTE] += moment
         roll_rate = self._manoeuvre.roll_rate(time)
         if not self._manoeuvre.active(time):
             roll_rate -= _LEVELLING_GAIN * phi
         turn_rate = _GRAVITY / airspeed * math.sin(phi) * math.cos(theta)
         p_reference = roll_rate * math.cos(alpha) - turn_rate * math.sin(alpha)
         r_reference = roll_rate * math.sin(alpha) + turn_rate * math.cos(alpha)
-        error = np.array([math.asin(max(-1.0, min(1.0, v / airspeed))), p - p_reference, r - r_reference])
-        delta[list(_LATERAL_EFFECTORS)] -= (self._lateral_gain * error).sum(axis=1)
-        return delta
+        sideslip = math.asin(max(-1.0, min(1.0, v / airspeed)))
+        for effector, (k1, k2, k3) in zip(_LATERAL_EFFECTORS, self._lateral_gain, strict=True):
+            delta[effector] -= k1 * sideslip + k2 * (p - p_reference) + k3 * (r - r_reference)
+        return np.array(delta)
 
     def _pitch(self, time: float, alpha_error: float, q: float) -> float:
         if self._time is None or time < self._time:

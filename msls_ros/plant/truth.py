@@ -7,13 +7,15 @@ integrates, and the flying model is only read.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+
 import numpy as np
 
 from msls_ros.plant.conditions import FlightCondition
-from msls_ros.plant.interface import EFFECTORS, STATES, Array, LinearTruth, Sample
-from msls_ros.plant.model import FOOT, Model, Surroundings
+from msls_ros.plant.interface import STATES, Array, LinearTruth, Sample
+from msls_ros.plant.model import FOOT, SI, Model, Surroundings
 
-_STEPS = np.array([FOOT] * 3 + [0.01] * 3 + [0.005] * 3 + [0.005] * 7)
+_STEPS = (*[FOOT] * 3, *[0.01] * 3, *[0.005] * 3, *[0.005] * 7)
 
 
 class Twin:
@@ -31,7 +33,7 @@ class Twin:
     def derivative(self, sample: Sample, surroundings: Surroundings) -> Array:
         """Time derivatives (9,) at a sample's states and deflections, as the twin computes them."""
         self._model.surround(surroundings)
-        return self._at(np.concatenate((sample.x, sample.delta)))
+        return self._at(sample.x.tolist(), sample.delta.tolist())
 
     def tangent(self, sample: Sample, surroundings: Surroundings) -> LinearTruth:
         """Linear model about a sample.
@@ -48,20 +50,30 @@ class Twin:
         LinearTruth
             Differences over +-1 ft/s, +-0.01 rad/s, +-0.005 rad.
         """
-        point = np.concatenate((sample.x, sample.delta))
-        xdot = self.derivative(sample, surroundings)
-        jacobian = np.empty((len(STATES), len(STATES) + len(EFFECTORS)))
-        for i, step in enumerate(_STEPS):
-            moved = point.copy()
-            moved[i] = point[i] + step
-            forward = self._at(moved)
-            moved[i] = point[i] - step
-            jacobian[:, i] = (forward - self._at(moved)) / (2.0 * step)
+        self._model.surround(surroundings)
+        x, delta = sample.x.tolist(), sample.delta.tolist()
+        self._model.command(delta)
+        moved = []
+        for near in _neighbours(x, _STEPS):
+            self._model.place(near)
+            moved.append(self._model.readings())
+        xdot = self._at(x, delta)
+        for near in _neighbours(delta, _STEPS[len(x) :]):
+            self._model.respond(near)
+            moved.append(self._model.readings())
+        there = np.array(moved) * SI
+        jacobian = (there[0::2] - there[1::2]).T / (2.0 * np.array(_STEPS))
         a, b = jacobian[:, : len(STATES)].copy(), jacobian[:, len(STATES) :].copy()
         bias = xdot - (a * sample.x).sum(axis=1) - (b * sample.delta).sum(axis=1)
         return LinearTruth(sample.time, a, b, bias)
 
-    def _at(self, point: Array) -> Array:
-        values = point.tolist()
-        self._model.put(values[: len(STATES)], values[len(STATES) :])
+    def _at(self, x: Sequence[float], delta: Sequence[float]) -> Array:
+        self._model.put(x, delta)
         return self._model.derivative()
+
+
+def _neighbours(point: list[float], steps: Sequence[float]) -> Iterator[list[float]]:
+    """Yield the point moved up and down in each of its coordinates."""
+    for i, value in enumerate(point):
+        for step in (steps[i], -steps[i]):
+            yield [*point[:i], value + step, *point[i + 1 :]]
