@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Configuration, EstimationError, Identifier, Level, Refused, Synchronizer, from_mapping
+from msls_ros.estimation.trace import Tracer
 
 STATES, EFFECTORS = ("p", "r"), ("da", "dr")
 A = np.array([[-1.0, 0.3], [0.1, -0.5]])
@@ -120,3 +121,17 @@ def test_the_gate_and_the_identifier_start_anew_together() -> None:
     assert np.array_equal(outcomes[0].b, outcomes[1].b)
     with pytest.raises(Refused):
         gate.add_state(round(time[59] * 1e9), STATES, x[0], xdot[0])
+
+
+@pytest.mark.parametrize("changes", [{}, {"detector.mode": "normalised"}, {"estimator.method": "rls"}])
+def test_a_traced_parameter_has_the_bits_that_the_models_have(changes: dict[str, object]) -> None:
+    time, x, xdot, delta = samples(400)
+    xdot[200:] += x[200:] @ np.array([[3.0, 0.0], [0.0, 0.0]])
+    chosen = configuration(**{"estimator.forgetting_factor": 0.95, **changes})
+    whole = Identifier(chosen).run(time, x, xdot, delta).estimates
+    assert any(e.events for e in whole) == (changes.get("detector.mode") == "normalised")
+    tracer = Tracer(chosen)
+    for row, column, values in (("p", "p", [e.a[0, 0] for e in whole]), ("r", "dr", [e.b[1, 1] for e in whole])):
+        np.testing.assert_array_equal(tracer.trace(time, x, xdot, delta, row, column), values)
+    with pytest.raises(EstimationError, match="p/q is not identified; expected"):
+        tracer.trace(time, x, xdot, delta, "p", "q")

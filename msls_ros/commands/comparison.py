@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.commands import offline
+from msls_ros.commands.judging import PEERS, START, TICK, detection, errors, false_alarms, mean, rms
 from msls_ros.commands.offline import Flight
 from msls_ros.commands.scenarios import Scenario
 from msls_ros.commands.watch import Watch
@@ -19,23 +19,7 @@ from msls_ros.estimation import Configuration
 from msls_ros.plant import ACTUATORS, EFFECTORS, PILOT_STATION, STATES
 
 Array = NDArray[np.float64]
-Alarms = Sequence[tuple[float, tuple[str, ...]]]
-"""Time [s] and equations."""
 GRAVITY = 9.80665
-SETTLED = 0.1
-"""An estimate has settled when its error stays below this share of the true value before the fault."""
-START = 1.0
-"""Errors before the fault count from here [s]."""
-ALARM_WINDOW = 1.0
-"""An alarm after a fault, at most this after the end of its ramp, is its detection; any other is false [s]."""
-AFTER = 1.0
-"""Errors after the fault count from here, after the end of its ramp [s]."""
-TICK = 1e-6
-"""Stamps of one sample may differ by less [s]."""
-PEERS: Mapping[str, Mapping[str, Any]] = {
-    "msls_no_detection": {"detector.mode": "off"},
-    "rls": {"estimator.method": "rls"},
-}
 
 
 @dataclass(frozen=True)
@@ -167,17 +151,17 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
     watched: dict[str, Any] = {
         "truth_before": truth_before,
         "truth_after": None if end is None else _first(c.truth[c.time > end + TICK]),
-        "reliable_share_before": _mean(c.reliable[before & (c.time > START)]),
+        "reliable_share_before": mean(c.reliable[before & (c.time > START)]),
     }
-    watched.update({name: _errors(c, name, start, end, truth_before) for name in c.estimates})
+    faults = None if start is None or end is None else (start, end)
+    watched.update({name: errors(c.time, one, c.truth, faults, truth_before) for name, one in c.estimates.items()})
     alarms = [(t, equations) for t, kind, equations in c.events if kind == "detected"]
-    detections = [_detection(span, alarms) for span in scenario.fault_spans]
-    true = [a for a in alarms if any(_belongs(a[0], span) for span in scenario.fault_spans)]
+    detections = [detection(span, alarms) for span in scenario.fault_spans]
     return {
         "watch": "/".join(scenario.watch),
-        "detection": detections[0] if detections else _detection(None, alarms),
+        "detection": detections[0] if detections else detection(None, alarms),
         "detections": detections,
-        "false_alarms": len(alarms) - len(true),
+        "false_alarms": false_alarms(scenario.fault_spans, alarms),
         scenario.watch.symbol: watched,
         "dither": _dither(c),
         "flight": {
@@ -188,39 +172,6 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
     }
 
 
-def _belongs(time: float, span: tuple[float, float]) -> bool:
-    """Whether an alarm may be the detection of a fault that begins and has ended its ramp at these times."""
-    return span[0] + TICK < time <= span[1] + ALARM_WINDOW + TICK
-
-
-def _detection(span: tuple[float, float] | None, alarms: Alarms) -> dict[str, Any]:
-    """Return when and in which equations a fault was seen first."""
-    first = next((a for a in alarms if span is not None and _belongs(a[0], span)), None)
-    return {
-        "time_s": round(first[0], 9) if first else None,
-        "delay_s": round(first[0] - span[0], 9) if first and span is not None else None,
-        "equations": list(first[1]) if first else [],
-    }
-
-
-def _errors(
-    c: Comparison, name: str, start: float | None, end: float | None, truth_before: float
-) -> dict[str, float | None]:
-    """Errors of one estimate relative to the true value before the fault; settled counts from the end of its ramp."""
-    error = np.abs(c.estimates[name] - c.truth) / (abs(truth_before) or np.nan)
-    early = c.time > START
-    if start is None or end is None:
-        return {"settle_s": None, "rms_before": _rms(error[early]), "rms_after": None, "peak_error": None}
-    struck, over = c.time > start + TICK, c.time > end + TICK
-    late = c.time[over & (error > SETTLED)]
-    return {
-        "settle_s": (round(float(late[-1] - end), 9) if len(late) else 0.0) if over.any() else None,
-        "rms_before": _rms(error[early & ~struck]),
-        "rms_after": _rms(error[c.time > end + AFTER]),
-        "peak_error": float(error[struck].max()) if struck.any() else None,
-    }
-
-
 def _dither(c: Comparison) -> dict[str, float]:
     """Return the dither's numbers; the realised rms over the nominal and over the boosted samples."""
     total = np.linalg.norm(c.realised, axis=1)
@@ -228,18 +179,10 @@ def _dither(c: Comparison) -> dict[str, float]:
     return {
         "predicted_g_max": float(c.predicted.max()),
         "predicted_g_max_nominal": float(c.predicted[nominal].max()),
-        "realised_g_rms": _rms(total[nominal]),
-        "realised_g_rms_boosted": _rms(total[boosted]) if boosted.any() else 0.0,
+        "realised_g_rms": rms(total[nominal]),
+        "realised_g_rms_boosted": rms(total[boosted]) if boosted.any() else 0.0,
         "rms_rad_max": float(c.dither_rms.max()),
     }
-
-
-def _rms(values: Array) -> float:
-    return math.sqrt(_mean(np.square(values)))
-
-
-def _mean(values: NDArray[Any]) -> float:
-    return float(np.mean(values)) if len(values) else math.nan
 
 
 def _first(values: Array) -> float | None:

@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.commands.closed_loop import Flight, FlightLog, Rates, fly
-from msls_ros.commands.comparison import PEERS, START, Comparison, realised_acceleration, summarise
+from msls_ros.commands.comparison import Comparison, realised_acceleration, summarise
+from msls_ros.commands.judging import PEERS, START
 from msls_ros.commands.profiles import read_profile
 from msls_ros.commands.scenarios import find_scenario
 from msls_ros.commands.watch import Watch

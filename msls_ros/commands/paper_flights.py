@@ -12,6 +12,7 @@ import numpy as np
 from msls_ros.commands.flight_experiments import NOISES, SCENARIO, Flights, Lively, Loss
 from msls_ros.commands.linear_experiments import Statistic
 from msls_ros.commands.paper_claims import Claim, judge
+from msls_ros.commands.spread import Spread, spread
 
 IN_TIME = 0.04
 """A detection within this time of the loss is in time [s]: two samples."""
@@ -22,15 +23,6 @@ QUANTITIES = (
     ("rms_after", "rms error later than 1 s after the loss", "% of b43", 100.0),
     ("rms_before", "rms error before the loss", "% of b43", 100.0),
 )
-
-
-@dataclass(frozen=True)
-class Spread:
-    """Median and range over the flights."""
-
-    median: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -46,12 +38,6 @@ class Row:
     rls: Spread | None = None
     better: str | None = None
     """``msls`` or ``rls``, by the medians."""
-
-
-def spread(values: Iterable[float]) -> Spread:
-    """Return median and range."""
-    found = np.array(list(values))
-    return Spread(float(np.median(found)), float(found.min()), float(found.max()))
 
 
 def _row(
@@ -312,13 +298,7 @@ def render_rows(rows: list[Row]) -> str:
         lines.append(f"{condition} ({found[0].flights} flight{'s' if found[0].flights > 1 else ''})")
         for one in found:
             label = f"{one.quantity} [{one.unit}]"
-            cells = [f" {_cell(value):>25}" for value in (one.msls, one.msls_no_detection, one.rls)]
+            cells = [f" {value or ''!s:>25}" for value in (one.msls, one.msls_no_detection, one.rls)]
             lines.append(f"  {label:48}{''.join(cells)}  {(one.better or '').upper()}".rstrip())
     head = "".join(f" {name:>25}" for name in ("MSLS", "without detection", "RLS"))
     return "\n".join([f"{'median (range)':50}{head}  better", *lines])
-
-
-def _cell(value: Spread | None) -> str:
-    if value is None:
-        return ""
-    return f"{value.median:.3g} ({value.low:.3g}-{value.high:.3g})"
