@@ -9,7 +9,7 @@ from setuptools import setup
 NAME = "msls_ros"
 ROOMS = ["estimation", "plant", "bags", "report", "nodes", "fleet", "commands"]
 # Each is msls_ros/commands/NAME.py with a main().
-EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "replay", "report", "paper", "benchmark"]
+EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "replay", "report", "paper", "campaign", "benchmark"]
 
 
 def data_files(*folders: str) -> list[tuple[str, list[str]]]:

@@ -1,4 +1,4 @@
-"""`benchmark`: beside plain C and peers: time per update (kernel), ill-conditioned stream (stress), a bag (replay)."""
+"""`benchmark`: beside C and peers: time per update, ill-conditioned stream, replay of a bag; flights of a campaign."""
 
 from __future__ import annotations
 
@@ -28,7 +28,9 @@ def parser() -> argparse.ArgumentParser:
     replay = commands.add_parser("replay", help="offline identification from a bag beside what reading alone costs")
     replay.add_argument("--samples", type=count, default=300_000, help="length of the bag (default: 300000)")
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
-    for command in (kernel, stress, replay):
+    campaign = commands.add_parser("campaign", help="flights of a campaign: x real time per core")
+    campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
+    for command in (kernel, stress, replay, campaign):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -42,7 +44,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
-    result = {"kernel": _kernel, "stress": _stress, "replay": _replay}[arguments.command](arguments)
+    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
+    result = measures[arguments.command](arguments)
     if result is None:
         return 1
     if arguments.json:
@@ -78,6 +81,27 @@ def _replay(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(format_replay(result))
     return result
+
+
+def _campaign(arguments: argparse.Namespace) -> Any:
+    result = importlib.import_module("benchmarks.campaign").measure(arguments.flights, _say)
+    if not arguments.json:
+        print(format_campaign(result))
+    return result
+
+
+def format_campaign(result: dict[str, Any]) -> str:
+    """Return the speed as text."""
+    lines = [
+        f"\n{result['flights']} flights of {result['scenario']}, noise {result['noise']}: {result['simulated_s']:g} s, "
+        f"truth at {result['truth_hz']} Hz, one process",
+        f"{'':45}{'median':>10}{'range':>18}",
+    ]
+    for name, label, digits in (("x_real_time", "x real time", 0), ("flight_ms", "ms per flight", 1)):
+        found = result[name]
+        span = f"{found['low']:.{digits}f}-{found['high']:.{digits}f}"
+        lines.append(f"{label:45}{found['median']:>10.{digits}f}{span:>18}")
+    return "\n".join(lines)
 
 
 def format_replay(result: dict[str, Any]) -> str:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
-import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -112,25 +112,24 @@ _DATA = _read_data()
 
 def fly_task(task: Task) -> Row:
     """Fly and judge; a flight that fails is a row too, with one sentence in ``error``."""
-    cell, seed = task.cell, task.seed
-    row: Row = {
-        "key": task.key,
-        "scenario": cell.scenario.name,
-        "noise": cell.noise,
-        "setting": dict(cell.setting),
-        "seed": seed,
-        "error": None,
-    }
-    start = time.perf_counter()
-    configuration = cell.configuration.replace({"dither.seed": seed})
+    cell = task.cell
+    row = failed(task, "")
+    start = perf_counter()
     try:
-        log = fly(configuration, cell.scenario.flight(cell.noise, seed))
-        row.update(judge(cell, log))
+        log = fly(cell.configuration.replace({"dither.seed": task.seed}), cell.scenario.flight(cell.noise, task.seed))
+        row.update(judge(cell, log), error=None)
     except (PlantError, EstimationError) as error:
         row["error"] = str(error)
-    row["wall_time_s"] = round(time.perf_counter() - start, 4)
+    row["wall_time_s"] = round(perf_counter() - start, 4)
     plain: Row = json.loads(json.dumps(row), parse_constant=lambda _: None)
     return plain
+
+
+def failed(task: Task, error: str) -> Row:
+    """Return the row of a flight of which nothing is known but what was wrong."""
+    cell = task.cell
+    head = {"key": task.key, "scenario": cell.scenario.name, "noise": cell.noise, "setting": dict(cell.setting)}
+    return {**head, "seed": task.seed, "error": error}
 
 
 def judge(cell: Cell, log: FlightLog) -> Row:
@@ -160,7 +159,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     truth_before = float(truth[before][-1])
     reliable = watch.of(flown["a_reliable"], flown["b_reliable"])
     dither = [one.dither for one in log.estimates]
-    numbers = [log.x, log.xdot, log.delta, [one.delta for one in dither], *estimates.values()]
+    numbers: list[Any] = [log.x, log.xdot, log.delta, [one.delta for one in dither], *estimates.values()]
     found: Row = {
         "faults": [_fault(span, alarms) for span in spans],
         "alarms": [[round(when, 9), list(equations)] for when, equations in alarms],
@@ -192,8 +191,9 @@ def watched(configuration: Configuration, log: FlightLog, flown: Stacks, watch: 
     own = watch.of(flown["a"], flown["b"])
     if not watch.in_b and log.estimates[0].a_known[watch.place]:
         return {name: own for name in ("msls", *PEERS)}  # all have it from physics
-    samples = [np.array(one) for one in (log.time, log.x, log.xdot, log.delta)]
-    return {"msls": own, **{name: one.trace(*samples, *watch) for name, one in _peers(configuration).items()}}
+    time, x, xdot, delta = (np.array(one) for one in (log.time, log.x, log.xdot, log.delta))
+    peers = {name: one.trace(time, x, xdot, delta, *watch) for name, one in _peers(configuration).items()}
+    return {"msls": own, **peers}
 
 
 @functools.lru_cache(maxsize=8)
