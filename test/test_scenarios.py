@@ -32,7 +32,7 @@ from msls_ros.plant import NOISE_LEVELS, Fault, PlantError
 FOLDER = config_folder() / "scenarios"
 FORMER: dict[str, dict[str, Any]] = {
     "none": {"estimator.penalty": 3e-4},
-    "low": {"estimator.forgetting_factor": 0.96, "estimator.penalty": 1.3e-3, "recovery.penalty_factor": 0.2},
+    "low": {"estimator.forgetting_factor": 0.96, "estimator.penalty": 9e-4, "recovery.penalty_factor": 0.3},
     "med": {
         "estimator.penalty": 1e-2,
         "detector.mode": "ratio",
