@@ -148,6 +148,7 @@ def pooled_coverage(noise: str, turbulence: str, *, quiet: bool) -> tuple[float,
     [
         ("none", True, "light"),
         ("none", True, "moderate"),
+        ("none", True, "severe"),
         ("low", True, "light"),
         ("low", True, "moderate"),
         ("low", True, "severe"),

@@ -20,6 +20,7 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
+from msls_ros.estimation.gusts import clear_air, make_air, observe_air
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
@@ -62,6 +63,8 @@ class Identifier:
         self._supervisor = Supervisor(c)
         self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
         self._assembly = Assembly(c, self._regression)
+        self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
+        self._air = make_air(len(self._velocities))
         self._enabled = True
         self._followed = -1, -1
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
@@ -72,6 +75,7 @@ class Identifier:
         self._regression.reset()
         self._law.reset()
         self._supervisor.reset()
+        clear_air(self._air)
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
         self._error = self._statistic = np.zeros(len(self.configuration.rows))
@@ -264,6 +268,8 @@ class Identifier:
             block = self._law.silence(count)
             self._dither = block.at(count - 1)
             return block, np.full(count, self.followed)
+        forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
+        self._regression.state.air[0] = observe_air(self._air, time, x, xdot, self._velocities, forgetting)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         out = make_output(count, len(self._kept))
@@ -381,7 +387,6 @@ def _settings(c: Configuration) -> Settings:
         reference_forgetting=1.0 - (1.0 - forgetting) / reliability.reference_memory,
         watch=4 * p + math.ceil(reference),
         confounding=confounding,
-        evidence_forgetting=max(1.0 - p / (reliability.colour_memory * len(c.rows)), 0.0),
         followed_row=-1,
         followed_column=-1,
         horizon=(1.0 + forgetting) / (1.0 - forgetting) if forgetting < 1.0 else math.inf,

@@ -19,6 +19,7 @@ from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import add_known, find_known, find_states
+from msls_ros.estimation.reference import moving_air
 from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.state import Settings, State
 from msls_ros.estimation.uncertainty import error_bars
@@ -81,7 +82,7 @@ def fill_model(
     """
     r = layout.kept.shape[0]
     last = errors.shape[0] - 1
-    watched = not settings.confounded or state.samples[0] >= settings.watch
+    watched = state.samples[0] >= settings.watch or not settings.confounded or moving_air(state) == 0.0
     add_known(x, layout.known, out.a, out.bias)
     for q in range(r):
         row = layout.kept[q]
@@ -91,7 +92,7 @@ def fill_model(
             rho = state.rho[state.group[q], i]
             out.excitation[i] = min(out.excitation[i], rho)
             allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
-            reliable = rho >= layout.excitation and errors[i] <= allowed and (i >= r or watched)
+            reliable = rho >= layout.excitation and errors[i] <= allowed and watched
             if i < r:
                 column = layout.kept[i]
                 out.a[row, column] += theta

@@ -1,6 +1,6 @@
-"""What may hide behind the estimates: a reference model with a longer memory, the lasting part of its errors, evidence.
+"""What may hide behind the estimates: a reference model with a longer memory, and the lasting part of its errors.
 
-Gusts, turning air and bent curves are no noise: they move the states and their derivatives together. A fast-forgetting
+Gusts and the turning of the air are no noise: they move the states and their derivatives together. A fast-forgetting
 estimator takes them up, with small errors and wrong numbers, and its residuals look innocent. Over a longer memory they
 cannot be taken up, and because they last, successive prediction errors of a reference model show them; white noise of
 sensors gives products of mean zero::
@@ -8,12 +8,9 @@ sensors gives products of mean zero::
     K        = gain of least squares with forgetting and the penalty of eq 14, on a factor of its own
     e_k      = y_k - phi_k' theta_r,    theta_r += K e_k
     lasting  = weighted mean of e_k e_(k-1)
-    evidence = weighted mean of (theta - theta_r)^2 / se^2, over rows and states
 
-Noise that lasts but knows nothing of the regressors makes the estimates stray from the reference by their standard
-errors: the evidence is then about 1, in gusts 2 to 10. `uncertainty` says what follows. Rows that start or recover from
-an alarm lend their estimates to the reference; until it has watched for its own memory, no column of a state is called
-reliable.
+What lasts may also be noise that knows nothing of the states, or a model that bends: `gusts` tells whether it is the
+air, and `uncertainty` says what follows. Rows that start or recover from an alarm lend the reference their estimates.
 """
 
 from __future__ import annotations
@@ -22,22 +19,18 @@ import math
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Work, rotate_in
-from msls_ros.estimation.residuals import noise_errors
 from msls_ros.estimation.state import Settings, State
 
-NONE, FULL = 0.5, 1.5
-"""Evidence below the first counts for nothing, above the second in full."""
-
-FAR = 25.0
-"""A squared deviation counts for no more than this."""
+STILL, MOVING = 0.2, 0.35
+"""Share of the motion that is the air's: below the first it counts as still, above the second as moving."""
 
 
 @compiled
 def follow_reference(s: Settings, x: State, phi: Array, y: Array, w0: Array, work: Work) -> None:
-    """Update the reference model, the lasting part of its prediction errors and the evidence.
+    """Update the reference model and the lasting part of its prediction errors.
 
     Each sample brings one penalty row, for one regressor after the other and as large as p of them: on average the
-    penalty of eq 14, at the price of one more rotation. Evidence is taken at every p-th sample.
+    penalty of eq 14, at the price of one more rotation.
 
     Parameters
     ----------
@@ -76,8 +69,6 @@ def follow_reference(s: Settings, x: State, phi: Array, y: Array, w0: Array, wor
             x.lasting[q, 0] = s.reference_forgetting * x.lasting[q, 0] + e * x.reference_last[q]
             x.lasting[q, 1] = s.reference_forgetting * x.lasting[q, 1] + 1.0
         x.reference_last[q] = e
-        if turn == 0:
-            observe_evidence(s, x, q, work)
 
 
 @compiled
@@ -92,34 +83,25 @@ def substitute_back(R: Array, z: Array, K: Array) -> None:
 
 
 @compiled
-def observe_evidence(s: Settings, x: State, q: int, work: Work) -> None:
-    """Take row q's deviations from the reference, in units of their standard errors, into the evidence."""
-    noise_errors(x, q, work.variance, work.lag, work.g)
-    total = 0.0
-    for i in range(s.effectors_from):
-        difference = x.theta[q, i] - x.reference_theta[q, i]
-        square = difference * difference
-        variance = work.g[i] * work.g[i]
-        total += square / variance if square < FAR * variance else FAR
-    x.evidence[0] = s.evidence_forgetting * x.evidence[0] + total / s.effectors_from
-    x.evidence[1] = s.evidence_forgetting * x.evidence[1] + 1.0
+def moving_air(x: State) -> float:
+    """How far the air counts as moving, 0 to 1."""
+    return float(min(max((x.air[0] - STILL) / (MOVING - STILL), 0.0), 1.0))
 
 
 @compiled
 def lasting_variance(s: Settings, x: State, q: int) -> float:
     """Squared bias that what moves with the regressors may cause in row q, per unit of white covariance.
 
-    The lasting part of the residual, as far as there is evidence, times the samples that the estimate looks back.
+    In moving air the lasting part of the residual, times the samples that the estimate looks back.
 
     Returns
     -------
     float
-        [output^2]; 0 where nothing lasts or no evidence is.
+        [output^2]; 0 where nothing lasts or the air is still.
     """
-    if x.lasting[q, 1] <= 0.0 or x.lasting[q, 0] <= 0.0 or x.evidence[1] <= 0.0:
+    if x.lasting[q, 1] <= 0.0 or x.lasting[q, 0] <= 0.0:
         return 0.0
-    share = (x.evidence[0] / x.evidence[1] - NONE) / (FULL - NONE)
     samples = float(x.age[x.group[q]])
     if s.horizon < samples:
         samples = float(s.horizon)
-    return float(min(max(share, 0.0), 1.0) * x.lasting[q, 0] / x.lasting[q, 1] * samples)
+    return float(moving_air(x) * x.lasting[q, 0] / x.lasting[q, 1] * samples)

@@ -63,7 +63,6 @@ def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
         reference_forgetting=1.0,
         confounding=np.zeros(regressors),
         watch=0,
-        evidence_forgetting=1.0,
         followed_row=-1,
         followed_column=-1,
         horizon=0.0,

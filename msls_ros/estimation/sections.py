@@ -154,18 +154,19 @@ class ReliabilityParameters:
     )
     coloured: bool = parameter(True, "correct the error bars for the autocorrelation of the residuals", in_flight=False)
     residual_memory: float = parameter(50.0, "memory of the residual variance", unit="samples", low=2.0, high=1e9)
-    colour_memory: float = parameter(
-        500.0, "memory of the residual autocorrelation and of the evidence for gusts", unit="samples", low=2.0, high=1e9
-    )
+    colour_memory: float = parameter(500.0, "memory of the residual autocorrelation", unit="samples", low=2.0, high=1e9)
     confounding_states: float = parameter(
         1.0,
-        "largest correlation with a state of what the model does not know (gusts), where that shows; 0: not considered",
+        "in gusts: largest correlation with a state of what the model does not know; 0: gusts are not considered",
         low=0.0,
         high=1.0,
     )
     confounding_effectors: float = parameter(0.6, "the same with an effector", low=0.0, high=1.0)
     reference_memory: float = parameter(
         6.0, "memory of the reference model that shows it, in memories of the estimator", low=1.0, high=1e6
+    )
+    air_memory: float = parameter(
+        150.0, "memory of the share of the motion that is the air's", unit="samples", low=2.0, high=1e9
     )
 
 

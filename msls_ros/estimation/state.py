@@ -18,10 +18,6 @@ COLOURS = (0.0, 0.7, 0.9, 0.97, 0.995)
 """Coefficients of the AR(1) residuals for which the covariance is propagated; estimates in between are interpolated."""
 
 
-PRESUMED, PRESUMPTION = 1.0, 20.0
-"""Evidence (`reference`) that is presumed at the start, and the number of looks at a row that it counts for."""
-
-
 class Settings(NamedTuple):
     """What the loop needs to know; p regressors, r rows, m colours."""
 
@@ -68,9 +64,7 @@ class Settings(NamedTuple):
     confounding: Array
     """(p,) squared correlation of what the model does not know with each regressor [1]."""
     watch: int
-    """Samples before the reference model vouches for the columns of the states."""
-    evidence_forgetting: float
-    """Of the evidence, per look at a row [1]."""
+    """Samples before the reference model vouches for anything in moving air."""
     followed_row: int
     followed_column: int
     """Of the estimate that `Output.followed` holds; negative: none."""
@@ -135,8 +129,8 @@ class State(NamedTuple):
     """(r,) its last prediction errors; NaN: none."""
     lasting: Array
     """(r, 2) weighted sum of its products of successive prediction errors, and of the weights."""
-    evidence: Array
-    """(2,) weighted sum of the squared deviations of the estimates from it over their variances, and of the weights."""
+    air: Array
+    """(1,) share of the motion through the air that is the air's (`gusts`) [1]."""
     samples: Integers
     """(1,) samples since the last reset."""
 
@@ -191,7 +185,7 @@ def make_state(settings: Settings, rows: int) -> State:
         reference_theta=np.zeros((rows, p)),
         reference_last=np.zeros(rows),
         lasting=np.zeros((rows, 2)),
-        evidence=np.zeros(2),
+        air=np.zeros(1),
         samples=np.zeros(1, np.int64),
     )
 
@@ -258,6 +252,5 @@ def clear(s: Settings, x: State) -> None:
         for k in range(x.phi_ms.shape[0]):
             x.reference[i, k] = 0.0
         x.reference[i, i] = s.penalty[i] * s.scale[i]
-    x.evidence[0] = PRESUMED * PRESUMPTION
-    x.evidence[1] = PRESUMPTION
+    x.air[0] = 0.0
     x.samples[0] = 0

@@ -12,10 +12,9 @@ back instead of averaging out. By Cauchy and Schwarz, ``P`` being the covariance
 
     |bias_i| = |sum_k (Psi_nk K_k)_i v_k|  <=  rho sqrt(N) sigma_v sqrt(P_ii),    N = (1 + lambda)/(1 - lambda)
 
-``sigma_v`` is that of the lasting part of the residuals of a reference model, weighed by the evidence that the
-estimates stray from it (`reference`): the estimator's own residuals are orthogonal to the regressors by construction.
-``rho``, for states and for effectors, is a parameter; 1 is the worst that can be. The error bar is the larger of the
-two.
+``sigma_v`` is that of the lasting part of the residuals of a reference model (`reference`): the estimator's own
+residuals are orthogonal to the regressors by construction. ``rho``, for states and for effectors, is a parameter; 1 is
+the worst that can be. Where the air moves (`gusts`), the error bar is the larger of the two.
 
 References
 ----------
