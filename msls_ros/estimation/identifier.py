@@ -7,7 +7,6 @@ configuration and the sample sequence alone.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,8 +23,10 @@ from msls_ros.estimation.gusts import clear_air, make_air, observe_air
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
-from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS, Regression
-from msls_ros.estimation.state import COLOURS, Settings, make_output
+from msls_ros.estimation.reference import moving_air
+from msls_ros.estimation.regression import Regression
+from msls_ros.estimation.settings import loop_settings
+from msls_ros.estimation.state import COLOURS, make_output
 from msls_ros.estimation.supervision import Supervisor
 from msls_ros.estimation.synchronizer import LARGEST
 
@@ -61,7 +62,7 @@ class Identifier:
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
         self._supervisor = Supervisor(c)
-        self._regression = Regression(_settings(c), len(c.rows), self._law.weights)
+        self._regression = Regression(loop_settings(c), len(c.rows), self._law.weights)
         self._assembly = Assembly(c, self._regression)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
@@ -132,7 +133,7 @@ class Identifier:
         self.configuration = configuration
         self._law.configure(self.configuration)
         self._supervisor.configure(self.configuration)
-        self._regression.settings = _settings(self.configuration)
+        self._regression.settings = loop_settings(self.configuration)
         self._follow()
         self._assembly = Assembly(self.configuration, self._regression)
         self._regression.weights = self._law.weights
@@ -140,6 +141,16 @@ class Identifier:
     def _follow(self) -> None:
         row, column = self._followed
         self._regression.settings = self._regression.settings._replace(followed_row=row, followed_column=column)
+
+    @property
+    def air(self) -> float:
+        """Share of the motion through the air that gusts make, 0 to 1; see `gusts`."""
+        return float(self._regression.state.air[0])
+
+    @property
+    def moving_air(self) -> bool:
+        """Whether the air moves so much that it widens the error bars."""
+        return self._regression.settings.confounded and moving_air(self._regression.state) > 0.0
 
     @property
     def alarms(self) -> int:
@@ -340,54 +351,3 @@ def within(array: Array, limit: float) -> bool:
 
 def _two(array: Array) -> Array:
     return np.ascontiguousarray(array, dtype=np.float64).reshape(1, -1)
-
-
-def _settings(c: Configuration) -> Settings:
-    """Translate the parameters into what the compiled loop takes."""
-    e, d, p = c.estimator, c.detector, len(c.regressors)
-    rls, reliability = e.method == "rls", c.reliability
-    penalty = np.full(p, e.penalty) * np.array(e.penalty_factors or (1.0,) * p)
-    if e.penalty_constant > 0.0:
-        penalty[p - 1] = e.penalty_constant
-    forgetting = c.forgetting
-    merge = math.ceil(math.log(c.recovery.rejoin_tolerance) / math.log(forgetting)) if forgetting < 1.0 else -1
-    reference = min(reliability.reference_memory / max(1.0 - forgetting, 1e-9), reliability.colour_memory)
-    confounding = np.repeat(
-        [reliability.confounding_states**2, reliability.confounding_effectors**2, 0.0],
-        [len(c.rows), len(c.effectors), 1],
-    )
-    return Settings(
-        rls=rls,
-        retained=e.penalty_retained,
-        forgetting=forgetting,
-        penalty=penalty,
-        scale=np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors]),
-        auto_scale=e.scale == "auto",
-        rms_memory=e.rms_memory,
-        colours=np.array(COLOURS if reliability.coloured else COLOURS[:1]),
-        residual_forgetting=1.0 - 1.0 / reliability.residual_memory,
-        colour_forgetting=1.0 - 1.0 / reliability.colour_memory,
-        prior=PRIOR_RLS if rls else PRIOR_MSLS,
-        detect=d.mode != "off" and not rls,
-        normalised=d.mode == "normalised",
-        window=d.window,
-        short=d.short if d.mode == "ratio" else 1,
-        threshold=d.threshold + (0.0 if d.mode == "ratio" else 1.0),
-        floor_absolute=np.array(d.floor_absolute or (0.0,) * len(c.rows)),
-        floor_relative=d.floor_relative,
-        floor_model=d.floor_model,
-        hold_off=d.hold_off,
-        ease_start=c.recovery.at_start,
-        recovery_penalty=c.recovery.penalty_factor,
-        recovery_forgetting=c.recovery.forgetting_factor or forgetting,
-        merge_after=merge,
-        effectors_from=len(c.rows),
-        effectors_to=len(c.rows) + len(c.effectors),
-        confounded=bool(confounding.any()) and forgetting < 1.0,
-        reference_forgetting=1.0 - (1.0 - forgetting) / reliability.reference_memory,
-        watch=4 * p + math.ceil(reference),
-        confounding=confounding,
-        followed_row=-1,
-        followed_column=-1,
-        horizon=(1.0 + forgetting) / (1.0 - forgetting) if forgetting < 1.0 else math.inf,
-    )

@@ -305,9 +305,16 @@ class IdentifierNode(LifecycleNode):
         """Say how many samples were used, and whether they still come."""
         assert self._identifier is not None
         gate = self._synchronizer
-        counts = {"samples": gate.paired, "alarms": self._identifier.alarms, "restarts": gate.restarts}
+        air = round(100.0 * self._identifier.air)
+        counts = {
+            "samples": gate.paired,
+            "alarms": self._identifier.alarms,
+            "restarts": gate.restarts,
+            "motion made by gusts [%]": air,
+        }
         if not self._active:
             return Health(DiagnosticStatus.OK, "inactive", counts)
         if self._stale:
             return Health(DiagnosticStatus.STALE, "no samples: the dither is zero", counts)
-        return Health(DiagnosticStatus.OK, "identifying", counts)
+        gusts = f", error bars widened: gusts make {air} % of the motion" if self._identifier.moving_air else ""
+        return Health(DiagnosticStatus.OK, f"identifying{gusts}", counts)

@@ -205,7 +205,7 @@ class Model:
         self._fdm.set_trim_status(False)
 
     def respond(self, delta: Sequence[float]) -> None:
-        """Compute the forces with other effector commands (7,) [rad] where the last `put` was: half the price of one."""
+        """Compute the forces with other effector commands (7,) [rad] where the last `put` was, at half its price."""
         self.command(delta)
         self._fdm.set_trim_status(True)
         self._fdm.suspend_integration()
