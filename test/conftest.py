@@ -1,11 +1,15 @@
-"""Nodes on a bench: in-process executors over real DDS, on this machine only, each bench in a domain of its own."""
+"""Nodes on a bench (executors in this process over real DDS, in a domain of its own), and programs of Dask."""
 
 from __future__ import annotations
 
 import itertools
 import os
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -147,3 +151,54 @@ def linear_samples(count: int, seed: int = 0) -> tuple[Any, Any, Any]:
     a, b = random.normal(size=(9, 9)), random.normal(size=(9, 7))
     xdot = (x - trim) @ a.T * 0.1 + delta @ b.T + random.normal(size=(count, 9)) * 1e-3
     return x, xdot, delta
+
+
+PATHS = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
+Start = Callable[..., subprocess.Popen[bytes]]
+
+
+@pytest.fixture(scope="module")
+def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
+    """Start programs of Dask, which end with the tests at the latest."""
+    folder = tmp_path_factory.mktemp("dask")
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def begin(*arguments: str, path: str = PATHS) -> subprocess.Popen[bytes]:
+        command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
+        env = {**os.environ, "PYTHONPATH": path, "DASK_TEMPORARY_DIRECTORY": str(folder)}
+        with (folder / f"log{len(processes)}").open("wb") as log:
+            processes.append(subprocess.Popen(command, env=env, cwd=folder, stdout=log, stderr=log))
+        return processes[-1]
+
+    yield begin
+    for process in processes:
+        process.kill()
+        process.wait()
+
+
+@pytest.fixture(scope="module")
+def scheduler(start: Start) -> str:
+    """Return the address of a scheduler that answers."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
+    from distributed import Client
+
+    start("scheduler", "--port", address.rpartition(":")[2])
+    with Client(address, timeout=60, set_as_default=False):
+        return address
+
+
+@pytest.fixture
+def worker(start: Start, scheduler: str) -> Iterator[Callable[..., int]]:
+    """Start workers; they end with the test."""
+    processes: list[subprocess.Popen[bytes]] = []
+
+    def begin(**how: str) -> int:
+        processes.append(start("worker", scheduler, "--nthreads", "1", "--no-nanny", **how))
+        return processes[-1].pid
+
+    yield begin
+    for process in processes:
+        process.kill()
+        process.wait()

@@ -138,3 +138,14 @@ def test_bad_usage_ends_with_2(arguments: list[str]) -> None:
     with pytest.raises(SystemExit) as caught:
         benchmark.main(arguments)
     assert caught.value.code == 2
+
+
+def test_campaign_prints_how_many_times_real_time_a_flight_takes(capsys: pytest.CaptureFixture[str]) -> None:
+    assert benchmark.main(["campaign", "--flights", "2", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert (found["flights"], found["simulated_s"], found["truth_hz"]) == (2, 12.0, 10)
+    speed, wall = found["x_real_time"], found["flight_ms"]
+    assert 1.0 < speed["low"] <= speed["median"] <= speed["high"]
+    assert speed["high"] * wall["low"] == pytest.approx(12_000.0)
+    assert benchmark.main(["campaign", "--flights", "1"]) == 0
+    assert "x real time" in capsys.readouterr().out

@@ -5,18 +5,16 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import fleet_tasks
 import pytest
-from distributed import Client
 from fleet_tasks import Refusal, Task, begun
 from replayed import BAGS, assert_same, outputs
 from replayed import run as run_replay
@@ -25,53 +23,6 @@ from msls_ros.fleet import Done, FleetError, run
 from msls_ros.fleet.runner import Attempt, running_code
 
 FLIGHTS = ["cruise_fault", "intact_doublet", "tail_fault"]
-PATHS = os.pathsep.join([str(Path(__file__).parent), *filter(None, sys.path)])
-Start = Callable[..., subprocess.Popen[bytes]]
-
-
-@pytest.fixture(scope="module")
-def start(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Start]:
-    """Start programs of Dask, which end with the tests at the latest."""
-    folder = tmp_path_factory.mktemp("dask")
-    processes: list[subprocess.Popen[bytes]] = []
-
-    def begin(*arguments: str, path: str = PATHS) -> subprocess.Popen[bytes]:
-        command = [sys.executable, "-m", "dask", *arguments, "--host", "127.0.0.1", "--no-dashboard"]
-        env = {**os.environ, "PYTHONPATH": path, "DASK_TEMPORARY_DIRECTORY": str(folder)}
-        with (folder / f"log{len(processes)}").open("wb") as log:
-            processes.append(subprocess.Popen(command, env=env, cwd=folder, stdout=log, stderr=log))
-        return processes[-1]
-
-    yield begin
-    for process in processes:
-        process.kill()
-        process.wait()
-
-
-@pytest.fixture(scope="module")
-def scheduler(start: Start) -> str:
-    """Return the address of a scheduler that answers."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-    start("scheduler", "--port", address.rpartition(":")[2])
-    with Client(address, timeout=60, set_as_default=False):
-        return address
-
-
-@pytest.fixture
-def worker(start: Start, scheduler: str) -> Iterator[Callable[..., int]]:
-    """Start workers; they end with the test."""
-    processes: list[subprocess.Popen[bytes]] = []
-
-    def begin(**how: str) -> int:
-        processes.append(start("worker", scheduler, "--nthreads", "1", "--no-nanny", **how))
-        return processes[-1].pid
-
-    yield begin
-    for process in processes:
-        process.kill()
-        process.wait()
 
 
 def tasks(folder: Path, count: int, victim: int = -1) -> list[Task]:

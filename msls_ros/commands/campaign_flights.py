@@ -159,7 +159,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     truth_before = float(truth[before][-1])
     reliable = watch.of(flown["a_reliable"], flown["b_reliable"])
     dither = [one.dither for one in log.estimates]
-    numbers: list[Any] = [log.x, log.xdot, log.delta, [one.delta for one in dither], *estimates.values()]
+    numbers: list[Any] = [log.x, log.xdot, log.delta, [one.delta for one in dither], flown["a"], flown["b"], flown["bias"]]
     found: Row = {
         "faults": [_fault(span, alarms) for span in spans],
         "alarms": [[round(when, 9), list(equations)] for when, equations in alarms],
@@ -170,11 +170,15 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         "truth_end": float(truth[-1]),
     }
     for name, one in estimates.items():
-        found[name] = errors(at, one, truth, faults, truth_before) | errors_now(at, one, truth, faults, truth_before)
+        found[name] = {
+            **errors(at, one, truth, faults, truth_before),
+            **errors_now(at, one, truth, faults, truth_before),
+            "finite": bool(np.isfinite(one).all()),
+        }
     return found | {
         "coverage": coverage(scenario, log, flown),
         "reliable_share_before": mean(reliable[before & (at > START)]),
-        "finite": all(np.isfinite(one).all() for one in (*numbers, flown["a"], flown["b"], flown["bias"]))
+        "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
         "dither_predicted_g_max": max(one.predicted_acceleration for one in dither),
         "simulated_s": scenario.duration,

@@ -24,7 +24,7 @@ NOTES = (
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
     "in the band: share of the numbers called reliable whose 95 % band has the truth (in brackets: how many are called "
-    "so, of all in the equations of the rigid body).",
+    "so, of all in the equations of the rigid body). NaN: flights in which anything was no number.",
 )
 
 
@@ -52,7 +52,10 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "coverage": {matrix: _pooled([row["coverage"][matrix] for row in flown]) for matrix in ("a", "b")},
         "reliable_share_before": _spread(row["reliable_share_before"] for row in flown),
         "dither_predicted_g_max": max((row["dither_predicted_g_max"] for row in flown), default=None),
-        "not_finite": sum(not row["finite"] for row in flown),
+        "not_finite": {
+            "flight": sum(not row["finite"] for row in flown),
+            **{name: sum(not row[name]["finite"] for row in flown) for name in ESTIMATORS},
+        },
         "errors": sorted({row["error"] for row in rows if row["error"] is not None}),
     }
 
@@ -145,6 +148,7 @@ TRUST: Sequence[Column] = (
     ("B in the band", _coverage("b")),
     ("called reliable before [%]", lambda s: _range(s["reliable_share_before"], 100.0)),
     ("late MSLS [%]", _of("msls", "late_error_now")),
-    ("NaN", lambda s: str(s["not_finite"])),
+    ("NaN", lambda s: str(s["not_finite"]["flight"])),
+    ("NaN in RLS", lambda s: str(s["not_finite"]["rls"])),
     ("dither [g]", lambda s: "-" if s["dither_predicted_g_max"] is None else f"{s['dither_predicted_g_max']:.3f}"),
 )

@@ -76,13 +76,15 @@ def errors(
     truth_before
         True value before the first.
     """
-    error = np.abs(estimate - truth) / (abs(truth_before) or np.nan)
+    if truth_before == 0.0:
+        return dict.fromkeys(("settle_s", "rms_before", "rms_after", "peak_error"))
+    error = np.abs(estimate - truth) / abs(truth_before)
     early = time > START
     if faults is None:
         return {"settle_s": None, "rms_before": rms(error[early]), "rms_after": None, "peak_error": None}
     start, end = faults
     struck, over = time > start + TICK, time > end + TICK
-    unsettled = time[over & (error > SETTLED)]
+    unsettled = time[over & ~(error <= SETTLED)]  # nor is what is no number
     return {
         "settle_s": (round(float(unsettled[-1] - end), 9) if len(unsettled) else 0.0) if over.any() else None,
         "rms_before": rms(error[early & ~struck]),
