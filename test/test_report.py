@@ -12,12 +12,15 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from report_bags import ALL, FAULT, INPUTS, record
 
 from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
 from msls_ros.estimation import Configuration
+from msls_ros.report.recorded import Models, Truth
+from msls_ros.report.words import find_changes, tell_drift
 
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
 LARGEST = 3_000_000
@@ -370,3 +373,22 @@ def test_a_browser_renders_every_figure_and_asks_no_network(whole: Made, tmp_pat
     assert seen["overflow"] <= 0
     assert seen["smallest"] >= 14.0
     assert "CONSOLE" not in log, log
+
+
+@pytest.mark.parametrize(("left", "told"), [(0.5, True), (0.9, False)])
+def test_a_slow_change_of_the_plant_is_told_with_what_is_left(left: float, told: bool) -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    b = np.zeros((len(time), 2, 2))
+    b[:, 0], b[:, 1] = [0.1, 1.6], [-3.0, 0.05]
+    b[:, 0, 1] *= np.interp(time, [4.0, 8.0], [1.0, left])
+    empty = np.zeros((1, 2, 2))
+    flags = np.zeros((1, 2, 2), np.bool_)
+    models = Models(
+        np.zeros(1), ("P", "Q"), ("de", "ddt"), (), empty, empty, empty, empty, flags[0], flags, flags, empty[0],
+        np.ones((1, 2)),
+    )  # fmt: skip
+    truth = Truth(time, np.zeros((len(time), 2, 2)), b)
+    assert find_changes(truth, models) == []
+    sentence = tell_drift(truth, models)
+    assert ("changed slowly: the effect of ddt on dP/dt to 0.50" in sentence) == told
+    assert sentence.startswith("From about 4.2 to 7.8 s") == told

@@ -9,7 +9,7 @@ import numpy as np
 
 from msls_ros.report.parameters import Quality
 from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange
-from msls_ros.report.style import derivative
+from msls_ros.report.style import Array, derivative
 
 ALARM_WINDOW = 1.0
 """An alarm within this time after a true change is its detection; any other is false [s]."""
@@ -44,18 +44,45 @@ def find_changes(truth: Truth, models: Models) -> list[TruthChange]:
         jump = np.abs(b[k + 1] - b[k]) / scale
         if end - begin > _CLOSE or jump.max() < _JUMP:
             continue
-        clear = np.array([_CLEARER if models.states[i] in ("P", "Q", "R") else 1.0 for i in rows])
-        effects = []
-        for j, effector in enumerate(models.effectors):
-            matters = np.abs(b[k][:, j]) >= _MATTERS * scale[:, 0]
-            own = np.abs(b[k + 1][:, j] - b[k][:, j])
-            change = np.divide(own, np.abs(b[k][:, j]), out=np.zeros(len(rows)), where=matters)
-            i = int((change * clear).argmax())
-            if change[i] >= _JUMP:
-                effects.append((effector, models.states[rows[i]], float(b[k + 1][i, j] / b[k][i, j])))
+        effects = _effects(b[k], b[k + 1], scale, models)
         if effects:
-            found.append(TruthChange(float(begin), tuple(effects)))
+            found.append(TruthChange(float(begin), effects))
     return found
+
+
+def _effects(before: Array, after: Array, scale: Array, models: Models) -> tuple[tuple[str, str, float], ...]:
+    """Return the effectors whose effect changed from one B to another, where it shows best and what is left of it."""
+    rows = models.identified
+    clear = np.array([_CLEARER if models.states[i] in ("P", "Q", "R") else 1.0 for i in rows])
+    effects = []
+    for j, effector in enumerate(models.effectors):
+        matters = np.abs(before[:, j]) >= _MATTERS * scale[:, 0]
+        own = np.abs(after[:, j] - before[:, j])
+        change = np.divide(own, np.abs(before[:, j]), out=np.zeros(len(rows)), where=matters)
+        i = int((change * clear).argmax())
+        if change[i] >= _JUMP:
+            effects.append((effector, models.states[rows[i]], float(after[i, j] / before[i, j])))
+    return tuple(effects)
+
+
+def tell_drift(truth: Truth, models: Models) -> str:
+    """Return a sentence on what changed slowly in the plant's own B, from the first model to the last, or nothing."""
+    rows = models.identified
+    if len(truth.time) < 2 or not rows:
+        return ""
+    b = truth.b[:, rows]
+    scale = np.abs(b).max(axis=(0, 2))[:, None]
+    scale[scale == 0.0] = 1.0
+    effects = _effects(b[0], b[-1], scale, models)
+    if not effects:
+        return ""
+    effector, row, _ = effects[0]
+    series = truth.b[:, models.states.index(row), models.effectors.index(effector)]
+    done = (series - series[0]) / (series[-1] - series[0])
+    begin, end = truth.time[int((done > 0.05).argmax())], truth.time[int((done > 0.95).argmax())]
+    what = _listed(f"{name} on {derivative(of)} to {ratio:.2f}" for name, of, ratio in effects)
+    when = f"From about {begin:.1f} to {end:.1f} s"
+    return f"{when} the plant itself changed slowly: the effect of {what} of what it was."
 
 
 def false_alarms(flight: Recorded, changes: Sequence[TruthChange]) -> list[Event]:
@@ -79,7 +106,8 @@ def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
     if flight.truth is not None:
         false = false_alarms(flight, changes)
         if not changes:
-            sentences.append("Nothing changed abruptly in the plant's own model.")
+            drift = tell_drift(flight.truth, flight.models) if flight.models is not None else ""
+            sentences.append(drift or "Nothing changed abruptly in the plant's own model.")
         sentences.append(
             f"False alarms: {len(false)} ({_listed(f'{e.time:.2f} s' for e in false)})." if false else "No false alarm."
         )
