@@ -82,7 +82,7 @@ def test_in_still_air_noise_is_left_to_its_own_error_bars(colour: float, air: fl
     assert 0.9 <= coverage(0.0, colour, confounded=True, air=air) <= 0.985
     phi, y = flight(0, 0.0, colour)
     bars = [engine(confounded=c, air=air).run(phi, y)[1] for c in (False, True)]
-    np.testing.assert_array_equal(*bars)
+    np.testing.assert_array_equal(bars[0], bars[1])
 
 
 def test_the_estimates_themselves_do_not_depend_on_it() -> None:
