@@ -159,7 +159,8 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     truth_before = float(truth[before][-1])
     reliable = watch.of(flown["a_reliable"], flown["b_reliable"])
     dither = [one.dither for one in log.estimates]
-    numbers: list[Any] = [log.x, log.xdot, log.delta, [one.delta for one in dither], flown["a"], flown["b"], flown["bias"]]
+    numbers: list[Any] = [log.x, log.xdot, log.delta, *(flown[name] for name in ("a", "b", "bias"))]
+    numbers.append([one.delta for one in dither])
     found: Row = {
         "faults": [_fault(span, alarms) for span in spans],
         "alarms": [[round(when, 9), list(equations)] for when, equations in alarms],
