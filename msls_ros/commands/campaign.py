@@ -20,7 +20,7 @@ from msls_ros.commands.campaign_plan import PlanError, comparison, explain, name
 from msls_ros.commands.campaign_store import SUMMARY, TABLE, Store, StoreError, csv_of
 from msls_ros.commands.campaign_table import render, summarise
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import ScenarioError, shipped
+from msls_ros.commands.scenarios import ScenarioError, listing
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import FleetError, run
 
@@ -31,12 +31,11 @@ MINUTE = 60.0
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in shipped().values())
     result = OneLineParser(
         prog="campaign",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly scenarios over many seeds, noises and settings of the identifier, in closed loop without ROS.",
-        epilog=f"Killed or interrupted, the same command goes on where it was. Scenarios:\n{scenarios}",
+        epilog=f"Killed or interrupted, the same command goes on where it was. Scenarios:\n{listing()}",
     )
     result.add_argument("scenarios", nargs="+", metavar="SCENARIO", help="one of those below, or your own .yaml file")
     result.add_argument("--seeds", type=count, required=True, metavar="N", help="flights of each combination")
@@ -65,7 +64,7 @@ class Interrupted:
     """Whether Ctrl-C was pressed; compiled code may swallow the exception, and fail in ways of its own."""
 
     def __init__(self) -> None:
-        self.came = False
+        self.came = self._held = False
 
     def __bool__(self) -> bool:
         """Whether it was."""
@@ -77,13 +76,25 @@ class Interrupted:
 
         def note(number: int, frame: object) -> None:
             self.came = True
-            raise KeyboardInterrupt
+            if not self._held:
+                raise KeyboardInterrupt
 
         before = signal.signal(signal.SIGINT, note)
         try:
             yield
         finally:
             signal.signal(signal.SIGINT, before)
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """Do something whole before the exception comes."""
+        self._held = True
+        try:
+            yield
+        finally:
+            self._held = False
+        if self.came:
+            raise KeyboardInterrupt
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -107,7 +118,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         except OSError as error:
             if interrupted:
                 return 130
-            print(f"campaign: '{store.folder}' cannot be written: {error.strerror}", file=sys.stderr)
+            print(f"campaign: '{store.folder}': {error.strerror or error}", file=sys.stderr)
             return 2
         except (Exception, KeyboardInterrupt):
             if not interrupted:
@@ -135,8 +146,9 @@ def _fly(
                 if end.result is None:  # its worker died again and again: it is tried again next time
                     rows[task.key] = failed(task, str(end.error))
                 else:
-                    store.add(end.result)
-                    rows[task.key] = end.result
+                    with interrupted.held():
+                        store.add(end.result)
+                        rows[task.key] = end.result
                 simulated += task.cell.scenario.duration
                 spent = max(time.monotonic() - start, 1e-9)
                 bar.show(number, f"{MINUTE * number / spent:.0f} flights/min, {simulated / spent:.0f} x real time")

@@ -17,19 +17,18 @@ from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.comparison import Comparison, compare, summarise
 from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import Scenario, ScenarioError, find_scenario, shipped
+from msls_ros.commands.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.plant import EFFECTORS, NOISE_LEVELS
 
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    scenarios = "\n".join(f"  {s.name:<26}{s.description}" for s in shipped().values())
     result = OneLineParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly the F-16/MATV in closed loop with the identifier, over DDS; record, compare, draw.",
-        epilog=f"scenarios:\n{scenarios}\n\nThey are files in config/scenarios/, where each key is explained.",
+        epilog=f"scenarios:\n{listing()}\n\nThey are files in config/scenarios/, where each key is explained.",
     )
     result.add_argument(
         "--scenario",

@@ -30,7 +30,7 @@ from msls_ros.plant import (
     check_faults,
 )
 
-__all__ = ["Scenario", "ScenarioError", "find_scenario", "read_scenario", "shipped", "shipped_names"]
+__all__ = ["Scenario", "ScenarioError", "find_scenario", "listing", "read_scenario", "shipped", "shipped_names"]
 
 FIRST = ("roll_doublet_tail_fault", "roll_doublet")
 """The paper's; the other shipped ones follow in the order of the alphabet."""
@@ -123,6 +123,11 @@ def shipped_names() -> tuple[str, ...]:
 def shipped() -> dict[str, Scenario]:
     """Read the scenarios that ship, by name, the paper's first."""
     return {name: find_scenario(name) for name in shipped_names()}
+
+
+def listing() -> str:
+    """Return a line for each scenario that ships, for --help."""
+    return "\n".join(f"  {one.name:<26}{one.description}" for one in shipped().values())
 
 
 def find_scenario(name: str | os.PathLike[str]) -> Scenario:
