@@ -162,6 +162,18 @@ def test_what_is_called_reliable_in_turbulence_is(noise: str, quiet: bool, turbu
     assert share >= 0.85
 
 
+@pytest.mark.parametrize(("noise", "least"), [("none", 0.93), ("low", 0.7)])
+def test_what_is_called_reliable_in_a_strong_manoeuvre_mostly_is(noise: str, least: float) -> None:
+    hits, total = 0.0, 0
+    for seed in range(2):
+        chosen = SCENARIO.configuration("none", seed, dither=True) if noise == "none" else configuration("low", seed)
+        log = fly(chosen, noise=noise, seed=seed, duration=40.0, manoeuvre=MANOEUVRES["strong"])
+        share, number = coverage(log, reliable_only=True)
+        hits, total = hits + share * number, total + number
+    assert total >= 500
+    assert hits / total >= least
+
+
 @pytest.mark.parametrize(("turbulence", "moves"), [("none", False), ("light", True)])
 def test_the_identifier_knows_whether_the_air_moves(turbulence: str, moves: bool) -> None:
     identifier = Identifier(configuration("low", 0))

@@ -8,9 +8,11 @@ sensors gives products of mean zero::
     K        = gain of least squares with forgetting and the penalty of eq 14, on a factor of its own
     e_k      = y_k - phi_k' theta_r,    theta_r += K e_k
     lasting  = weighted mean of e_k e_(k-1)
+    straying = weighted mean of (theta - theta_r)^2 / se^2, over rows and states
 
-What lasts may also be noise that knows nothing of the states, or a model that bends: `gusts` tells whether it is the
-air, and `uncertainty` says what follows. Rows that start or recover from an alarm lend the reference their estimates.
+What lasts may be the air (`gusts` tells), a model that bends, or noise that knows nothing of the states; with the last
+the estimates stray from the reference by their standard errors only. `uncertainty` says what follows. Rows that start
+or recover from an alarm lend the reference their estimates.
 """
 
 from __future__ import annotations
@@ -19,10 +21,20 @@ import math
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Work, rotate_in
+from msls_ros.estimation.residuals import noise_errors
 from msls_ros.estimation.state import Settings, State
 
 STILL, MOVING = 0.2, 0.35
 """Share of the motion that is the air's: below the first it counts as still, above the second as moving."""
+
+STRAIGHT, BENT = 0.5, 1.5
+"""Straying below the first is that of noise, above the second that of a model that bends."""
+
+BENDING = 0.3
+"""What a bent model hides moves with the regressors by this share of the correlation that gusts may have."""
+
+FAR = 25.0
+"""A squared deviation counts for no more than this in straying."""
 
 
 @compiled
@@ -69,6 +81,22 @@ def follow_reference(s: Settings, x: State, phi: Array, y: Array, w0: Array, wor
             x.lasting[q, 0] = s.reference_forgetting * x.lasting[q, 0] + e * x.reference_last[q]
             x.lasting[q, 1] = s.reference_forgetting * x.lasting[q, 1] + 1.0
         x.reference_last[q] = e
+        if turn == 0:
+            observe_straying(s, x, q, work)
+
+
+@compiled
+def observe_straying(s: Settings, x: State, q: int, work: Work) -> None:
+    """Take in row q's deviations from the reference, in units of their standard errors; at every p-th sample."""
+    noise_errors(x, q, work.variance, work.lag, work.g)
+    total = 0.0
+    for i in range(s.effectors_from):
+        difference = x.theta[q, i] - x.reference_theta[q, i]
+        square = difference * difference
+        variance = work.g[i] * work.g[i]
+        total += square / variance if square < FAR * variance else FAR
+    x.straying[0] = s.straying_forgetting * x.straying[0] + total / s.effectors_from
+    x.straying[1] = s.straying_forgetting * x.straying[1] + 1.0
 
 
 @compiled
@@ -89,19 +117,28 @@ def moving_air(x: State) -> float:
 
 
 @compiled
+def bent_model(x: State) -> float:
+    """How far the model counts as bent, 0 to 1."""
+    if x.straying[1] <= 0.0:
+        return 0.0
+    return float(min(max((x.straying[0] / x.straying[1] - STRAIGHT) / (BENT - STRAIGHT), 0.0), 1.0))
+
+
+@compiled
 def lasting_variance(s: Settings, x: State, q: int) -> float:
     """Squared bias that what moves with the regressors may cause in row q, per unit of white covariance.
 
-    In moving air the lasting part of the residual, times the samples that the estimate looks back.
+    The lasting part of the residual, as far as air or bending make it, times the samples that the estimate looks back.
 
     Returns
     -------
     float
-        [output^2]; 0 where nothing lasts or the air is still.
+        [output^2]; 0 where nothing lasts.
     """
     if x.lasting[q, 1] <= 0.0 or x.lasting[q, 0] <= 0.0:
         return 0.0
     samples = float(x.age[x.group[q]])
     if s.horizon < samples:
         samples = float(s.horizon)
-    return float(moving_air(x) * x.lasting[q, 0] / x.lasting[q, 1] * samples)
+    share = max(moving_air(x), BENDING * BENDING * bent_model(x))
+    return float(share * x.lasting[q, 0] / x.lasting[q, 1] * samples)

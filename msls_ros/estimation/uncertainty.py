@@ -14,7 +14,8 @@ back instead of averaging out. By Cauchy and Schwarz, ``P`` being the covariance
 
 ``sigma_v`` is that of the lasting part of the residuals of a reference model (`reference`): the estimator's own
 residuals are orthogonal to the regressors by construction. ``rho``, for states and for effectors, is a parameter; 1 is
-the worst that can be. Where the air moves (`gusts`), the error bar is the larger of the two.
+the worst that can be. Where the air moves (`gusts`), the error bar is the larger of the two; where the model bends (a
+strong manoeuvre) rho counts for a part.
 
 References
 ----------
