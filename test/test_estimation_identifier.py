@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Configuration, EstimationError, Identifier, Level, Refused, Synchronizer, from_mapping
-from msls_ros.estimation.trace import Tracer
 
 STATES, EFFECTORS = ("p", "r"), ("da", "dr")
 A = np.array([[-1.0, 0.3], [0.1, -0.5]])
@@ -124,14 +123,23 @@ def test_the_gate_and_the_identifier_start_anew_together() -> None:
 
 
 @pytest.mark.parametrize("changes", [{}, {"detector.mode": "normalised"}, {"estimator.method": "rls"}])
-def test_a_traced_parameter_has_the_bits_that_the_models_have(changes: dict[str, object]) -> None:
+def test_a_followed_parameter_has_the_bits_that_the_models_have(changes: dict[str, object]) -> None:
     time, x, xdot, delta = samples(400)
     xdot[200:] += x[200:] @ np.array([[3.0, 0.0], [0.0, 0.0]])
     chosen = configuration(**{"estimator.forgetting_factor": 0.95, **changes})
     whole = Identifier(chosen).run(time, x, xdot, delta).estimates
     assert any(e.events for e in whole) == (changes.get("detector.mode") == "normalised")
-    tracer = Tracer(chosen)
     for row, column, values in (("p", "p", [e.a[0, 0] for e in whole]), ("r", "dr", [e.b[1, 1] for e in whole])):
-        np.testing.assert_array_equal(tracer.trace(time, x, xdot, delta, row, column), values)
-    with pytest.raises(EstimationError, match="p/q is not identified; expected"):
-        tracer.trace(time, x, xdot, delta, "p", "q")
+        follower = Identifier(chosen)
+        follower.follow(row, column)
+        followed = follower.run(time, x, xdot, delta, every=150).followed
+        np.testing.assert_array_equal(np.concatenate(followed), values)
+        assert follower.followed == values[-1]
+        follower.reset()
+        learnt = []
+        for sample in zip(time[:50], x, xdot, delta, strict=False):
+            follower.learn(*sample)
+            learnt.append(follower.followed)
+        assert learnt == values[:50]
+    with pytest.raises(EstimationError, match=r"dp/dt by q is not identified; rows are .*, columns .*"):
+        follower.follow("p", "q")

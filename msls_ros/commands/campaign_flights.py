@@ -30,9 +30,8 @@ from msls_ros.commands.judging import (
 )
 from msls_ros.commands.scenarios import Scenario
 from msls_ros.commands.watch import Watch
-from msls_ros.estimation import Configuration, EstimationError, EventKind
+from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier
 from msls_ros.estimation.configuration import as_mapping
-from msls_ros.estimation.trace import Tracer
 from msls_ros.fleet.runner import running_code
 from msls_ros.plant import PlantError
 
@@ -116,8 +115,10 @@ def fly_task(task: Task) -> Row:
     row = failed(task, "")
     start = perf_counter()
     try:
-        log = fly(cell.configuration.replace({"dither.seed": task.seed}), cell.scenario.flight(cell.noise, task.seed))
-        row.update(judge(cell, log), error=None)
+        configuration, watch = cell.configuration.with_seed(task.seed), cell.scenario.watch
+        flight = cell.scenario.flight(cell.noise, task.seed)
+        follow = (watch.row, watch.column) if _identified(configuration, watch) else None
+        row.update(judge(cell, fly(configuration, flight, follow=follow, sparse=True)), error=None)
     except (PlantError, EstimationError) as error:
         row["error"] = str(error)
     row["wall_time_s"] = round(perf_counter() - start, 4)
@@ -146,6 +147,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     spans, watch = scenario.fault_spans, scenario.watch
     at = np.array(log.time)
     flown = {field: np.array([getattr(one, field) for one in log.estimates]) for field in FIELDS}
+    told = at[log.estimated]
     truth = log.truth(lambda one: watch.of(one.a, one.b))
     estimates = watched(cell.configuration, log, flown, watch)
     alarms = [
@@ -158,9 +160,8 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     before = at <= (at[-1] if struck is None else struck) + TICK
     truth_before = float(truth[before][-1])
     reliable = watch.of(flown["a_reliable"], flown["b_reliable"])
-    dither = [one.dither for one in log.estimates]
     numbers: list[Any] = [log.x, log.xdot, log.delta, *(flown[name] for name in ("a", "b", "bias"))]
-    numbers.append([one.delta for one in dither])
+    numbers.append([one.delta for one in log.dithers])
     found: Row = {
         "faults": [_fault(span, alarms) for span in spans],
         "alarms": [[round(when, 9), list(equations)] for when, equations in alarms],
@@ -178,10 +179,10 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         }
     return found | {
         "coverage": coverage(scenario, log, flown),
-        "reliable_share_before": mean(reliable[before & (at > START)]),
+        "reliable_share_before": mean(reliable[(told <= at[before][-1]) & (told > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
-        "dither_predicted_g_max": max(one.predicted_acceleration for one in dither),
+        "dither_predicted_g_max": max(one.predicted_acceleration for one in log.dithers),
         "simulated_s": scenario.duration,
     }
 
@@ -193,18 +194,28 @@ def _fault(span: tuple[float, float], alarms: list[tuple[float, tuple[str, ...]]
 
 def watched(configuration: Configuration, log: FlightLog, flown: Stacks, watch: Watch) -> dict[str, Array]:
     """Return the watched parameter (n,) as each estimator has it: the one that flew, and the peers on its samples."""
-    own = watch.of(flown["a"], flown["b"])
-    if not watch.in_b and log.estimates[0].a_known[watch.place]:
-        return {name: own for name in ("msls", *PEERS)}  # all have it from physics
     time, x, xdot, delta = (np.array(one) for one in (log.time, log.x, log.xdot, log.delta))
-    peers = {name: one.trace(time, x, xdot, delta, *watch) for name, one in _peers(configuration).items()}
-    return {"msls": own, **peers}
+    if not log.followed:  # all have it from physics
+        known = np.interp(time, time[log.estimated], watch.of(flown["a"], flown["b"]))
+        return {name: known for name in ("msls", *PEERS)}
+    found = {"msls": np.array(log.followed)}
+    for name, peer in _peers(configuration, watch).items():
+        peer.reset()
+        found[name] = np.concatenate(peer.run(time, x, xdot, delta, every=len(time)).followed)
+    return found
+
+
+def _identified(configuration: Configuration, watch: Watch) -> bool:
+    return watch.row in configuration.rows and watch.column in configuration.regressors
 
 
 @functools.lru_cache(maxsize=8)
-def _peers(configuration: Configuration) -> dict[str, Tracer]:
+def _peers(configuration: Configuration, watch: Watch) -> dict[str, Identifier]:
     """Return the peers of an identifier, whatever its seed: they do not fly."""
-    return {name: Tracer(configuration.replace(changes)) for name, changes in PEERS.items()}
+    peers = {name: Identifier(configuration.replace(changes)) for name, changes in PEERS.items()}
+    for peer in peers.values():
+        peer.follow(*watch)
+    return peers
 
 
 def coverage(scenario: Scenario, log: FlightLog, flown: Stacks) -> dict[str, dict[str, float | int]]:
@@ -215,11 +226,12 @@ def coverage(scenario: Scenario, log: FlightLog, flown: Stacks) -> dict[str, dic
     r, every = len(RIGID_BODY), scenario.rates.truth_every
     used = [k for k in log.truths if k % every == 0 and log.time[k] > START - TICK]
     found: dict[str, dict[str, float | int]] = {}
+    stood = np.searchsorted(log.estimated, used)
     for name, columns in (("a", slice(r)), ("b", slice(None))):
         pick = (slice(None), slice(r), columns)
         true = np.array([getattr(log.truths[k], name) for k in used]).reshape(len(used), *flown[name].shape[1:])
-        error = np.abs(flown[name][used] - true)[pick]
-        trust = flown[f"{name}_reliable"][used][pick]
-        inside = (error <= BAND * flown[f"{name}_std"][used][pick])[trust]
+        error = np.abs(flown[name][stood] - true)[pick]
+        trust = flown[f"{name}_reliable"][stood][pick]
+        inside = (error <= BAND * flown[f"{name}_std"][stood][pick])[trust]
         found[name] = {"share": mean(inside), "number": len(inside), "of": trust.size}
     return found

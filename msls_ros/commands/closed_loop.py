@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
+from msls_ros.estimation import Configuration, Dither, Estimate, EventKind, FaultEvent, Identifier
 from msls_ros.plant import (
     CONDITIONS,
     Aircraft,
@@ -112,6 +112,9 @@ class FlightLog:
     """As measured."""
     estimates: list[Estimate] = field(default_factory=list)
     """Of a sparse flight only where something was found or the truth was taken."""
+    estimated: list[int] = field(default_factory=list)
+    """The samples after which they stood."""
+    dithers: list[Dither] = field(default_factory=list)
     followed: list[float] = field(default_factory=list)
     """The estimate that was asked for."""
     truths: dict[int, LinearTruth] = field(default_factory=dict)
@@ -183,8 +186,10 @@ def fly(
         due = k % rates.truth_every == 0 or faults.turns(k)
         if due:
             log.truths[k] = aircraft.truth()
+        log.dithers.append(dither)
         if due or not sparse or identifier.news:
             log.estimates.append(identifier.estimate(time, measured.x))
+            log.estimated.append(k)
         if follow is not None:
             log.followed.append(identifier.followed)
         command = pilot.command(time, measured.x) + dither.delta

@@ -89,6 +89,16 @@ class Configuration:
             return math.exp(-1.0 / (self.estimator.time_constant * self.sample_rate))
         return self.estimator.forgetting_factor
 
+    def with_seed(self, seed: int) -> Configuration:
+        """Return a copy with another seed of the dither.
+
+        Raises
+        ------
+        EstimationError
+            For a seed out of range.
+        """
+        return dataclasses.replace(self, dither=dataclasses.replace(self.dither, seed=seed))
+
     def replace(self, changes: Mapping[str, Any]) -> Configuration:
         """Return a copy with some parameters changed, by their full names.
 

@@ -10,12 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
-from msls_ros.estimation.kernel import Array, Integers, Work, make_work
+from msls_ros.estimation.kernel import Array, Integers, make_work
 from msls_ros.estimation.rows import advance
-from msls_ros.estimation.state import COLOURS, Output, Settings, State, clear, make_output, make_state
+from msls_ros.estimation.state import COLOURS, Output, Settings, clear, make_output, make_state
 from msls_ros.estimation.uncertainty import row_uncertainty
 
 PRIOR_MSLS = 1e2
@@ -69,36 +68,6 @@ def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
         horizon=0.0,
     )
     return settings._replace(**changes)
-
-
-@compiled
-def follow(
-    s: Settings,
-    x: State,
-    phi: Array,
-    y: Array,
-    weights: Array,
-    work: Work,
-    w0: Array,
-    out: Output,
-    row: int,
-    column: int,
-    history: Array,
-) -> None:
-    """Take all samples, and keep one estimate after each; see `advance`.
-
-    Parameters
-    ----------
-    s, x, phi, y, weights, work, w0, out
-        As `advance` takes them.
-    row, column
-        The estimate.
-    history
-        (n,) filled.
-    """
-    for k in range(phi.shape[0]):
-        advance(s, x, phi, y, k, k + 1, weights, work, w0, out)
-        history[k] = x.theta[row, column]
 
 
 class Regression:
@@ -214,20 +183,6 @@ class Regression:
             for q in range(r):
                 errors[k, q] = self.standard_errors(q)
         return theta, errors, alarms
-
-    def trace(self, phi: Array, y: Array, row: int, column: int) -> Array:
-        """Take all samples; return one estimate after each (n,).
-
-        Parameters
-        ----------
-        phi, y
-            As for `advance`.
-        row, column
-            The estimate.
-        """
-        out, history = make_output(len(phi), y.shape[1]), np.empty(len(phi))
-        follow(self.settings, self.state, phi, y, self.weights, self._work, self._w0, out, row, column, history)
-        return history
 
     @property
     def theta(self) -> Array:
