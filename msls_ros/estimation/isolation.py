@@ -134,6 +134,41 @@ def joint_change(W: Array, WD: Array, chosen: Array, change: Array, covariance: 
     return explained
 
 
+@compiled
+def best_addition(
+    W: Array, WD: Array, chosen: Array, trial: Array, change: Array, covariance: Array, work: Array
+) -> int:
+    """Return the column, not yet chosen and not the constant, that explains most together with the chosen; -1: none.
+
+    Parameters
+    ----------
+    W, WD
+        As `joint_change` takes them.
+    chosen
+        (f,) columns.
+    trial, change, covariance, work
+        (f+1,), (f+1,), (f+1, f+1) and (3, f+1, f+1) scratch.
+    """
+    f = chosen.shape[0]
+    for i in range(f):
+        trial[i] = chosen[i]
+    best = -1
+    most = -math.inf
+    for j in range(WD.shape[0] - 1):
+        fresh = True
+        for i in range(f):
+            if int(chosen[i]) == j:
+                fresh = False
+        if not fresh:
+            continue
+        trial[f] = j
+        value = joint_change(W, WD, trial, change, covariance, work)
+        if value > most:
+            most = value
+            best = j
+    return best
+
+
 def suspects(
     covariance: Array,
     before: Array,
@@ -193,8 +228,12 @@ def _grow(W: Array, WD: Array, total: float, significance: float) -> tuple[list[
     share, change, errors = 0.0, [0.0], [1.0]
     base, _, _ = _explained(W, WD, chosen)
     for _ in range(LARGEST_SET):
-        trials = [(_explained(W, WD, [*chosen, j]), j) for j in range(p - 1) if j not in chosen]
-        (best, c, e), j = max(trials, key=lambda trial: (trial[0][0], -trial[1]))
+        f = len(chosen) + 1
+        taken, trial = np.array(chosen, dtype=np.float64), np.zeros(f)
+        j = best_addition(W, WD, taken, trial, np.zeros(f), np.zeros((f, f)), np.zeros((3, f, f)))
+        if j < 0:
+            break
+        best, c, e = _explained(W, WD, [*chosen, j])
         if best - base < significance**2:
             break
         chosen, change, errors, share = [*chosen, j], c, e, best / total if total > 0.0 else 0.0
