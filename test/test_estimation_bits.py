@@ -13,12 +13,12 @@ import pytest
 from msls_ros.estimation import Identifier, from_mapping
 
 PINNED = {
-    "normalised": "fb9931de2e38884d3026e2f9da6cecf1",
-    "ratio": "817e9957aea54ce55fb823774de4854a",
-    "bent": "67a8504275945e4ac09b9fd1f24aa9a5",
-    "gusts": "f9689e80301f50c401ef7cef14655713",
-    "rls": "9bf58828a33b44750040671ba6d76991",
-    "solve_only": "1223b45f916b463e1c7adce414d47589",
+    "normalised": "37579ae36e373d4ebc27815a2ef59502",
+    "ratio": "44955ed6c6be99f037bb9a4338798b6b",
+    "bent": "a66d8b2be5d7982989d0e9ce2548ceca",
+    "gusts": "2aeb2fcd4c069728eb8f37db8a5c03e5",
+    "rls": "dc33c965ce21ed0c6f674c7c511176d8",
+    "solve_only": "eab6565bc661e2b174ba324fbd17fc88",
 }
 CHANGES: dict[str, dict[str, object]] = {
     "normalised": {},

@@ -1,12 +1,12 @@
 """Is the air moving? What the velocities through the air do beyond what the accelerations make of them.
 
 Air data give ``u v w`` relative to the air, accelerometers give specific forces, whatever the air does. In still air
-the change of the one is the integral of the other; in gusts it is not. Over L samples the difference grows like the
-gust, over one sample it is mostly noise of the velocities, which adds the same to both::
+the change of the one is the integral of the other; in gusts it is not. The difference grows like the gust with the
+samples L over which it is taken; noise of the velocities, smoothed or not, adds the same to L and to L/2::
 
     d_k   = x_k - x_(k-1) - (xdot_k + xdot_(k-1)) dt / 2
-    S_k   = d_k + ... + d_(k-L+1)
-    gust  = L/(L-1) (mean S^2 - mean d^2)
+    S_k   = d_k + ... + d_(k-L+1),    H_k = d_k + ... + d_(k-L/2+1)
+    gust  = 2/(2-c) (mean S^2 - c mean H^2)
     share = gust / mean (x_k - x_(k-L))^2                how much of the motion through the air is the air's
 
 Nothing is seen where the derivatives were made from the velocities, or the velocities are inertial.
@@ -21,8 +21,11 @@ import numpy as np
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
-WINDOW = 10
+WINDOW = 20
 """L [samples]."""
+
+CLEAR = 1.5
+"""c: S^2 must be so many times H^2 before anything counts as gust; noise gives 1, a random walk 2."""
 
 GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
@@ -38,7 +41,7 @@ class Air(NamedTuple):
     past: Array
     """(L, v) the last velocities."""
     sums: Array
-    """(3, v) weighted sums of S^2, d^2 and the squared change over L samples."""
+    """(3, v) weighted sums of S^2, H^2 and the squared change over L samples."""
     clock: Array
     """(2,) time of the last sample, length of the last step [s]."""
     filled: Integers
@@ -103,10 +106,13 @@ def observe_air(air: Air, time: Array, x: Array, xdot: Array, columns: Integers,
                 air.past[slot, j] = v
                 if air.filled[0] >= size:
                     total = 0.0
+                    half = 0.0
                     for i in range(size):
                         total += air.differences[i, j]
+                        if (slot - i) % size < size // 2:
+                            half += air.differences[i, j]
                     air.sums[0, j] = forgetting * air.sums[0, j] + total * total
-                    air.sums[1, j] = forgetting * air.sums[1, j] + d * d
+                    air.sums[1, j] = forgetting * air.sums[1, j] + half * half
                     air.sums[2, j] = forgetting * air.sums[2, j] + change * change
             air.last[0, j] = v
             air.last[1, j] = a
@@ -115,7 +121,7 @@ def observe_air(air: Air, time: Array, x: Array, xdot: Array, columns: Integers,
         air.filled[0] += 1
     largest = 0.0
     for j in range(columns.shape[0]):
-        gust = (air.sums[0, j] - air.sums[1, j]) * size / (size - 1.0)
+        gust = 2.0 / (2.0 - CLEAR) * (air.sums[0, j] - CLEAR * air.sums[1, j])
         if gust > largest * air.sums[2, j]:
             largest = gust / air.sums[2, j] if air.sums[2, j] > 0.0 else 0.0
     return min(largest, 1.0)

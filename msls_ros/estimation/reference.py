@@ -24,14 +24,17 @@ from msls_ros.estimation.kernel import Array, Work, rotate_in
 from msls_ros.estimation.residuals import noise_errors
 from msls_ros.estimation.state import Settings, State
 
-STILL, MOVING = 0.2, 0.35
+STILL, MOVING = 0.05, 0.15
 """Share of the motion that is the air's: below the first it counts as still, above the second as moving."""
 
 STRAIGHT, BENT = 0.5, 1.5
 """Straying below the first is that of noise, above the second that of a model that bends."""
 
 BENDING = 0.3
-"""What a bent model hides moves with the regressors by this share of the correlation that gusts may have."""
+"""What a bent model hides moves with the regressors by this share of the correlation that gusts may have, ..."""
+
+WANDERING = 50.0
+"""... for this many samples: the manoeuvre goes on, and the tangent with it."""
 
 FAR = 25.0
 """A squared deviation counts for no more than this in straying."""
@@ -140,5 +143,5 @@ def lasting_variance(s: Settings, x: State, q: int) -> float:
     samples = float(x.age[x.group[q]])
     if s.horizon < samples:
         samples = float(s.horizon)
-    share = max(moving_air(x), BENDING * BENDING * bent_model(x))
-    return float(share * x.lasting[q, 0] / x.lasting[q, 1] * samples)
+    times = max(moving_air(x) * samples, BENDING * BENDING * bent_model(x) * min(samples, WANDERING))
+    return float(times * x.lasting[q, 0] / x.lasting[q, 1])
