@@ -15,7 +15,7 @@ from msls_ros.estimation import Identifier, from_mapping
 PINNED = {
     "normalised": "37579ae36e373d4ebc27815a2ef59502",
     "ratio": "44955ed6c6be99f037bb9a4338798b6b",
-    "bent": "a66d8b2be5d7982989d0e9ce2548ceca",
+    "bent": "e99b34695fe602e1b3e878bb8c21d877",
     "gusts": "2aeb2fcd4c069728eb8f37db8a5c03e5",
     "rls": "dc33c965ce21ed0c6f674c7c511176d8",
     "solve_only": "eab6565bc661e2b174ba324fbd17fc88",

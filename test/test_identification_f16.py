@@ -162,6 +162,28 @@ def test_what_is_called_reliable_in_turbulence_is(noise: str, quiet: bool, turbu
     assert share >= 0.85
 
 
+@pytest.fixture(scope="module")
+def minutes_of_turbulence() -> list[FlightLog]:
+    return [fly(configuration("low", s), noise="low", seed=s, duration=120.0, turbulence="moderate") for s in range(4)]
+
+
+@pytest.mark.parametrize("part", ["a", "b"])
+def test_of_a_and_of_b_each_what_is_called_reliable_in_minutes_of_turbulence_is(
+    part: str, minutes_of_turbulence: list[FlightLog]
+) -> None:
+    hits: list[np.ndarray] = []
+    columns = ROWS if part == "a" else len(EFFECTORS)
+    for log in minutes_of_turbulence:
+        for k, truth in log.truths.items():
+            e, true = log.estimates[k], getattr(truth, part)[:ROWS, :columns]
+            error = np.abs(getattr(e, part)[:ROWS, :columns] - true)
+            inside = error <= 1.96 * getattr(e, f"{part}_std")[:ROWS, :columns]
+            hits.append(inside[getattr(e, f"{part}_reliable")[:ROWS, :columns]] if k >= 50 else inside[:0, 0])
+    every = np.concatenate(hits)
+    assert len(every) >= 50
+    assert every.mean() >= 0.85
+
+
 @pytest.mark.parametrize(("noise", "least"), [("none", 0.93), ("low", 0.7)])
 def test_what_is_called_reliable_in_a_strong_manoeuvre_mostly_is(noise: str, least: float) -> None:
     hits, total = 0.0, 0

@@ -161,7 +161,7 @@ class ReliabilityParameters:
         low=0.0,
         high=1.0,
     )
-    confounding_effectors: float = parameter(0.6, "the same with an effector", low=0.0, high=1.0)
+    confounding_effectors: float = parameter(0.8, "the same with an effector", low=0.0, high=1.0)
     reference_memory: float = parameter(
         6.0, "memory of the reference model that shows it, in memories of the estimator", low=1.0, high=1e6
     )
