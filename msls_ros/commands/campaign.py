@@ -61,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 class Interrupted:
-    """Whether Ctrl-C was pressed; compiled code may swallow the exception, and fail in ways of its own."""
+    """Whether Ctrl-C or a SIGTERM came; compiled code may swallow the exception, and fail in ways of its own."""
 
     def __init__(self) -> None:
         self.came = self._held = False
@@ -79,11 +79,12 @@ class Interrupted:
             if not self._held:
                 raise KeyboardInterrupt
 
-        before = signal.signal(signal.SIGINT, note)
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
         try:
             yield
         finally:
-            signal.signal(signal.SIGINT, before)
+            for number, handler in before.items():
+                signal.signal(number, handler)
 
     @contextmanager
     def held(self) -> Iterator[None]:

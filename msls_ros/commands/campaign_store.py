@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import fcntl
+import hashlib
 import io
 import json
 import os
@@ -25,6 +26,8 @@ COLUMNS = {
 }
 """Names of errors that say of what they are shares."""
 UNTOLD = ("key", "wall_time_s")
+PROOF = "digest"
+"""Of a kept flight: a line that does not match it is none."""
 """What is not in the table: the same campaign gives the same table."""
 
 
@@ -87,8 +90,10 @@ class Store:
         for line in content[:whole].splitlines():
             try:
                 row = json.loads(line)
+                if row.pop(PROOF) != _proof(row):
+                    raise ValueError
                 rows[row["key"]] = row
-            except (ValueError, TypeError, KeyError):
+            except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
                 bad += 1
         if bad:
             self.notes.append(f"'{path}': {bad} lines are no flights and are passed over")
@@ -96,7 +101,7 @@ class Store:
 
     def add(self, row: Row) -> None:
         """Keep a flight."""
-        self._file.write(json.dumps(row, allow_nan=False).encode() + b"\n")
+        self._file.write(json.dumps({**row, PROOF: _proof(row)}, allow_nan=False).encode() + b"\n")
         self._file.flush()
         self.rows[row["key"]] = row
 
@@ -116,6 +121,10 @@ class Store:
         """Give the folder free."""
         self._file.close()
         os.close(self._lock)
+
+
+def _proof(row: Row) -> str:
+    return hashlib.sha256(json.dumps(row, sort_keys=True, allow_nan=False).encode()).hexdigest()[:16]
 
 
 def csv_of(rows: Sequence[Row]) -> str:

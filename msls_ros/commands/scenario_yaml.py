@@ -130,7 +130,10 @@ def load(file: Path) -> Any:
     except OSError as error:
         message = f"scenario file '{file}' cannot be read: {error.strerror}"
         raise ScenarioError(message) from error
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
+    except RecursionError as error:
+        message = f"scenario file '{file}' is nested without end; expected a section of keys"
+        raise ScenarioError(message) from error
+    except (yaml.YAMLError, ValueError, AttributeError, TypeError) as error:
         if isinstance(error, ScenarioError):
             raise
         message = f"scenario file '{file}' is not YAML: {' '.join(str(error).split())}"

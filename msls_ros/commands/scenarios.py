@@ -43,8 +43,18 @@ FAULT = ("effector", "time", "effectiveness", "ramp", "stuck", "bias")
 IDENTIFIER = ("profile", "parameters")
 LONGEST = 36_000.0
 """[s]"""
-OURS = {"sample_rate": "rates.sensors", "dither.seed": "the seed", "dither.enabled": "the command line"}
+OURS = {
+    "sample_rate": "rates.sensors",
+    "dither.seed": "the seed",
+    "dither.enabled": "the command line",
+    "states": "the plant",
+    "effectors": "the plant",
+}
 """Parameters of the identifier that a scenario does not set itself, and what does."""
+
+
+LEAST_SAMPLES = 10
+"""Of a flight."""
 
 
 @dataclass(frozen=True)
@@ -171,6 +181,11 @@ def read_scenario(file: Path) -> Scenario:
     manoeuvre = top.word("manoeuvre", MANOEUVRES)
     duration = top.number("duration", 0.1, LONGEST, "s")
     profile, parameters = _read_identifier(top)
+    rates = _read_rates(top)
+    samples = round(duration / rates.period)
+    if samples < LEAST_SAMPLES:
+        least = f"at least {LEAST_SAMPLES} samples, {LEAST_SAMPLES * rates.period:g} s at {rates.sensors} Hz"
+        top.refuse("duration", f"is {duration:g} s; expected {least}")
     return Scenario(
         file.stem,
         description,
@@ -180,8 +195,8 @@ def read_scenario(file: Path) -> Scenario:
         profile,
         top.word("noise", NOISE_LEVELS, "low"),
         top.word("turbulence", TURBULENCE, "none"),
-        _read_rates(top),
-        _read_faults(top, duration),
+        rates,
+        _read_faults(top, duration, rates.period),
         _read_watch(top),
         parameters,
     )
@@ -197,7 +212,7 @@ def _read_rates(top: Section) -> Rates:
         section.refuse(_first_word(error), _rest(error))
 
 
-def _read_faults(top: Section, duration: float) -> tuple[Fault, ...]:
+def _read_faults(top: Section, duration: float, period: float) -> tuple[Fault, ...]:
     faults = []
     for section in top.sections("faults", FAULT):
         effector = section.word("effector", (*SURFACES, *EFFECTORS))
@@ -208,9 +223,14 @@ def _read_faults(top: Section, duration: float) -> tuple[Fault, ...]:
         if time >= duration:
             section.refuse("time", f"is {time:g} s; expected less than the duration of the flight, {duration:g} s")
         try:
-            faults.append(Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias))
+            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias)
         except PlantError as error:
             section.refuse(_first_word(error), _rest(error))
+        last = round(duration / period) - 1
+        if fault.sample(period) >= last:
+            latest = f"{(last - 1) * period:g} s or less, that a sample of the flight may feel it"
+            section.refuse("time", f"is {time:g} s; expected {latest}")
+        faults.append(fault)
     try:
         check_faults(faults)
     except PlantError as error:
@@ -259,7 +279,11 @@ def _read_identifier(top: Section) -> tuple[str, dict[str, dict[str, Any]]]:
 def _read_changes(section: Section, base: Configuration) -> dict[str, Any]:
     """Return parameters of the identifier by full name, each of which the profile takes."""
     known = as_mapping(base)
-    changes = dict(_flat(section))
+    changes: dict[str, Any] = {}
+    for name, value in _flat(section):
+        if name in changes:
+            section.refuse(name, "stands there twice, dotted and in a section; expected once")
+        changes[name] = value
     for name, value in changes.items():
         if name in OURS:
             section.refuse(name, f"is {shown(value)}; expected none, {OURS[name]} gives it")

@@ -80,6 +80,9 @@ def remote_client(scheduler: str, patience: float) -> Iterator[Any]:
     if not _ADDRESS.fullmatch(scheduler):
         message = f"{scheduler!r} is no address; expected tcp://HOST:PORT, as `dask scheduler` prints it"
         raise FleetError(message)
+    if scheduler.startswith("tls") and not config.get("distributed.comm.tls.client.cert", None):
+        message = f"{scheduler}: Dask has no certificate for tls; expected distributed.comm.tls in its configuration"
+        raise FleetError(message)
     with _quiet():
         try:
             client = Client(scheduler, timeout=patience, set_as_default=False)
