@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
 import os
 import signal
 import threading
@@ -152,6 +153,25 @@ def test_a_torn_last_line_is_dropped_and_its_flight_flown_again(
     assert table(tmp_path / "out") == whole and len(kept(tmp_path / "out")) == 3
     assert run(capsys, *todo, "--fresh")[2] == []
     assert table(tmp_path / "out") == whole and len(kept(tmp_path / "out")) == 3
+
+
+def test_lines_that_are_no_flights_are_passed_over_and_flown_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    todo = [write(tmp_path), "--seeds", 4, "--out", tmp_path / "out"]
+    run(capsys, *todo)
+    whole, path = table(tmp_path / "out"), tmp_path / "out" / "flights.jsonl"
+    first, second, third, fourth = path.read_text().splitlines()
+    lacking = {name: value for name, value in json.loads(second).items() if name != "faults"}
+    unlike = json.dumps({**json.loads(third), "truth_end": math.nan})
+    path.write_text("\n".join([first, json.dumps(lacking), unlike, "[" * 100_000, "null", fourth[:50]]) + "\n")
+    code, _, err = run(capsys, *todo)
+    assert code == 0
+    assert err == [
+        f"campaign: '{path}': 5 lines are no flights and are passed over",
+        f"campaign: 1 of 4 flights are in '{tmp_path / 'out'}'",
+    ]
+    assert table(tmp_path / "out") == whole
 
 
 def test_a_second_campaign_in_the_folder_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
