@@ -120,12 +120,14 @@ def test_a_killed_worker_costs_only_time(
     assert table(tmp_path / "two") == table(tmp_path / "one")
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
-def test_an_interrupted_campaign_says_what_is_kept_and_how_to_go_on(tmp_path: Path, jobs: int) -> None:
+@pytest.mark.parametrize(("jobs", "end"), [(1, signal.SIGTERM), (2, signal.SIGINT), (2, signal.SIGTERM)])
+def test_an_interrupted_campaign_says_what_is_kept_and_how_to_go_on(
+    tmp_path: Path, jobs: int, end: signal.Signals
+) -> None:
     out, file = tmp_path / "out", write(tmp_path, duration="6.0")
     process = start(file, "--seeds", 500, "--jobs", jobs, "--out", out, "--json", "--fresh")
     wait_for(out, 3, lambda: process.poll() is None)
-    process.send_signal(signal.SIGINT)
+    process.send_signal(end)
     text, err = process.communicate()
     (said,) = [line for line in err.splitlines() if not line.startswith("flying ")]
     assert process.returncode == 130
