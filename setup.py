@@ -7,7 +7,10 @@ from pathlib import Path
 from setuptools import setup
 
 NAME = "msls_ros"
-ROOMS = ["estimation", "plant", "bags", "report", "nodes", "fleet", "commands"]
+ROOMS = [
+    *("estimation", "plant", "bags", "report", "fleet"),
+    *("inputs", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
+]
 # Each is msls_ros/commands/NAME.py with a main().
 EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "replay", "report", "paper", "campaign", "benchmark"]
 

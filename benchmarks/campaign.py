@@ -7,9 +7,9 @@ from dataclasses import asdict
 from time import perf_counter
 from typing import Any
 
-from msls_ros.commands.campaign_flights import fly_task
-from msls_ros.commands.campaign_plan import plan, tasks_of
-from msls_ros.commands.spread import spread
+from msls_ros.campaigns.flight import fly_task
+from msls_ros.campaigns.plan import plan, tasks_of
+from msls_ros.flights.spread import spread
 
 SCENARIO, NOISE = "roll_doublet_tail_fault", "low"
 

@@ -12,10 +12,10 @@ import numpy as np
 from rosbags.rosbag2 import Reader
 
 from msls_ros.bags import BagWriter, MessageTemplate
-from msls_ros.commands.inputs import EFFECTORS, STATE
-from msls_ros.commands.offline import ReplayOptions, replay
-from msls_ros.commands.profiles import read_profile
 from msls_ros.estimation import Configuration
+from msls_ros.inputs.profiles import read_profile
+from msls_ros.offline.replay import ReplayOptions, replay
+from msls_ros.offline.sources import EFFECTORS, STATE
 from msls_ros.records import header_fields
 
 PROFILE = "f16_high_alpha"

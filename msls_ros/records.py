@@ -1,6 +1,6 @@
 """What each of the identifier's messages holds, field by field: one list for the node and for the bag writer.
 
-Neither ROS nor a bag is needed here: `messages` puts these fields into `msls_msgs`, `commands.offline` into CDR.
+Neither ROS nor a bag is needed here: `messages` puts these fields into `msls_msgs`, `offline.outputs` into CDR.
 Arrays keep their shape; both sides write them row-major.
 """
 

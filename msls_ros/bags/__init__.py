@@ -1,4 +1,8 @@
-"""Bags: written so that a kill loses at most the last second, read whatever state they are in."""
+"""Bags: written so that a kill loses at most the last second, read whatever state they are in.
+
+rosbag2 (MCAP and sqlite3) and ROS 1 files, whole or damaged. This room imports rosbags, mcap and their codecs, and no
+other room. Begin with `reader.BagReader` and `writer.BagWriter`; each storage has its own scanner.
+"""
 
 from __future__ import annotations
 

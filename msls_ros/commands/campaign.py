@@ -14,15 +14,15 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from msls_ros.campaigns.flight import Cell, Row, Task, failed, fly_task, versions
+from msls_ros.campaigns.plan import PlanError, comparison, explain, name_of, noise_list, plan, tasks_of
+from msls_ros.campaigns.store import SUMMARY, TABLE, Store, StoreError, csv_of
+from msls_ros.campaigns.table import render, summarise
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count, seed
-from msls_ros.commands.campaign_flights import Cell, Row, Task, failed, fly_task, versions
-from msls_ros.commands.campaign_plan import PlanError, comparison, explain, name_of, noise_list, plan, tasks_of
-from msls_ros.commands.campaign_store import SUMMARY, TABLE, Store, StoreError, csv_of
-from msls_ros.commands.campaign_table import render, summarise
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import ScenarioError, listing
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import FleetError, run
+from msls_ros.flights.scenarios import ScenarioError, listing
 
 DEFAULT_OUT = Path("out/campaign")
 INTERRUPTED = "interrupted"

@@ -14,11 +14,12 @@ from typing import Any
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.commands.arguments import OneLineParser, seed
-from msls_ros.commands.comparison import Comparison, compare, summarise
-from msls_ros.commands.flight import FlightError, fly
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import Scenario, ScenarioError, find_scenario, listing
+from msls_ros.flights.comparison import Comparison, summarise
+from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
+from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.running import BAD_INPUT
+from msls_ros.offline.comparison import compare
 from msls_ros.plant import EFFECTORS, NOISE_LEVELS
 
 
@@ -168,7 +169,7 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         )
     lines += [
         "",
-        f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms every day (limit 0.012), "
+        f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms nominal (limit 0.012), "
         f"{dither['predicted_g_max']:.4f} at most (limit 0.04)",
         f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}",
         f"speed                 {s['real_time_factor']:.1f} x real time",

@@ -14,9 +14,19 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser
-from msls_ros.commands.flight_experiments import count_flights, flights_of, run_flights
-from msls_ros.commands.linear_experiments import Statistic, acceptance, run_experiments
-from msls_ros.commands.linear_questions import (
+from msls_ros.commands.progress import Progress
+from msls_ros.paper.claims import Claim, figures_of, judge_claims
+from msls_ros.paper.flight_claims import (
+    Row,
+    claims_on_flights,
+    flight_acceptance,
+    render_rows,
+    rows_of,
+)
+from msls_ros.paper.flight_experiments import count_flights, flights_of, run_flights
+from msls_ros.paper.flight_figures import flight_figures
+from msls_ros.paper.linear_experiments import Statistic, acceptance, run_experiments
+from msls_ros.paper.linear_questions import (
     Finding,
     answer_breakdown,
     answer_information,
@@ -24,16 +34,6 @@ from msls_ros.commands.linear_questions import (
     answer_numerics,
     answer_precision,
 )
-from msls_ros.commands.paper_claims import Claim, figures_of, judge_claims
-from msls_ros.commands.paper_flight_figures import flight_figures
-from msls_ros.commands.paper_flights import (
-    Row,
-    claims_on_flights,
-    flight_acceptance,
-    render_rows,
-    rows_of,
-)
-from msls_ros.commands.progress import Progress
 from msls_ros.report.paper_figures import draw_figure
 
 MOST_SEEDS = 1000
@@ -42,7 +42,7 @@ STEPS = 8 + 1 + 5 + 1 + 9
 """Besides the flights: experiments, table, questions, claims, figures."""
 ABOUT = (
     "Runs the two linear experiments of the paper (eqs 15-17) and its F-16 flights (without ROS) on many seeds; prints "
-    "the acceptance table, the flights' numbers, the paper's claims with what was measured, and answers to colder "
+    "the acceptance table, the flights' numbers, the paper's claims with what was measured, and answers to further "
     "questions; draws Figs 1-9. The bounds of the table hold for 100 seeds. "
     "A row out of its bounds says so; that is a result, so the exit code is 0 (2 for wrong usage)."
 )

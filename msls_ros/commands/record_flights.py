@@ -16,12 +16,12 @@ from typing import Any
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import BagError
-from msls_ros.commands.flight import FlightError, fly
-from msls_ros.commands.offline import load
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.scenarios import ScenarioError, find_scenario
 from msls_ros.estimation import EstimationError
+from msls_ros.flights.scenarios import ScenarioError, find_scenario
+from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.parameters import NodeError
+from msls_ros.offline.replay import load
 from msls_ros.plant import PlantError
 
 FLIGHTS: Mapping[str, str] = {

@@ -15,11 +15,11 @@ from typing import Any
 
 from msls_ros.bags import BagError
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count
-from msls_ros.commands.offline import Replay, ReplayOptions, kept_parameters, replay
-from msls_ros.commands.profiles import profile_path, read_inputs, read_profile
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import Done, FleetError, run
+from msls_ros.inputs.profiles import profile_path, read_inputs, read_profile
+from msls_ros.offline.replay import Replay, ReplayOptions, kept_parameters, replay
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\

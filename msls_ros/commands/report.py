@@ -12,8 +12,8 @@ from typing import Any
 from msls_ros.bags import BagError
 from msls_ros.commands.arguments import OneLineParser
 from msls_ros.commands.progress import Progress
-from msls_ros.commands.report_data import gather
 from msls_ros.estimation import EstimationError
+from msls_ros.offline.report_data import gather
 from msls_ros.report.errors import ReportError
 
 _EPILOG = """\

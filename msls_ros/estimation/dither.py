@@ -1,7 +1,7 @@
 """Active noise injection (ANI): small random effector activity that keeps B identifiable (eqs 20-23).
 
 The law solves eq 23 for the largest common rms ``Delta`` of the surfaces for which the worst-case acceleration at the
-pilot stays at its limit, 0.012 g rms every day and 0.04 g rms for a short time after an alarm::
+pilot stays at its limit, 0.012 g rms at the nominal level and 0.04 g rms for a short time after an alarm::
 
     a_p^2 = Delta^2 [ (S b_u)^2 + (S b_v + l2 S b_P + l1 S b_R)^2 + (S b_w + l1 S b_Q)^2 ]
 

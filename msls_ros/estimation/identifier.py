@@ -28,7 +28,9 @@ from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.settings import loop_settings
 from msls_ros.estimation.state import COLOURS, make_output
 from msls_ros.estimation.supervision import Supervisor
-from msls_ros.estimation.synchronizer import LARGEST
+
+LARGEST = 1e12
+"""Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
 
 
 @dataclass(frozen=True)

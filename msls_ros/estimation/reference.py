@@ -1,18 +1,18 @@
-"""What may hide behind the estimates: a reference model with a longer memory, and the lasting part of its errors.
+"""What biases the estimates unseen: a reference model with a longer memory, and the lag-one covariance of its errors.
 
-Gusts and the turning of the air are no noise: they move the states and their derivatives together. A fast-forgetting
-estimator takes them up, with small errors and wrong numbers, and its residuals look innocent. Over a longer memory they
-cannot be taken up, and because they last, successive prediction errors of a reference model show them; white noise of
-sensors gives products of mean zero::
+Gusts are correlated with the regressors: they move the states and their derivatives together. An estimator of short
+memory fits them, with small residuals and wrong numbers. One of longer memory cannot fit them, and because gusts are
+autocorrelated, the product of successive prediction errors of such a reference model shows them; white sensor noise
+gives products of mean zero::
 
     K        = gain of least squares with forgetting and the penalty of eq 14, on a factor of its own
     e_k      = y_k - phi_k' theta_r,    theta_r += K e_k
-    lasting  = weighted mean of e_k e_(k-1)
-    straying = weighted mean of (theta - theta_r)^2 / se^2, over rows and states
+    lag_one   = weighted mean of e_k e_(k-1)
+    deviation = weighted mean of (theta - theta_r)^2 / se^2, over rows and states
 
-What lasts may be the air (`gusts` tells), a model that bends, or noise that knows nothing of the states; with the last
-the estimates stray from the reference by their standard errors only. `uncertainty` says what follows. Rows that start
-or recover from an alarm lend the reference their estimates.
+A large lag-one covariance may be gusts (see `gusts`), nonlinearity of the aircraft, or autocorrelated noise that is
+independent of the states; with the last the estimates deviate from the reference by their standard errors only.
+`uncertainty` says what follows. Rows that start or recover from an alarm copy their estimates to the reference.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from msls_ros.estimation.state import Settings, State
 STILL, MOVING = 0.05, 0.15
 """Share of the motion that is the air's: below the first it counts as still, above the second as moving."""
 
-STRAIGHT, BENT = 0.5, 1.5
-"""Straying below the first is that of noise, above the second that of a model that bends."""
+LINEAR, NONLINEAR = 0.5, 1.5
+"""Squared parameter deviation, in variances: below the first that of noise, above the second that of nonlinearity."""
 
-BENDING = 0.3
-"""What a bent model hides moves with the regressors by this share of the correlation that gusts may have, ..."""
+NONLINEAR_SHARE = 0.3
+"""Nonlinearity correlates with the regressors by this share of the correlation that gusts may have, ..."""
 
-WANDERING = 50.0
-"""... for this many samples: the manoeuvre goes on, and the tangent with it."""
+NONLINEAR_SAMPLES = 50.0
+"""... over this many samples, in which the tangent changes with the manoeuvre."""
 
 FAR = 25.0
-"""A squared deviation counts for no more than this in straying."""
+"""A squared deviation counts for no more than this in the mean."""
 
 
 @compiled
 def follow_reference(s: Settings, x: State, phi: Array, y: Array, w0: Array, work: Work) -> None:
-    """Update the reference model and the lasting part of its prediction errors.
+    """Update the reference model and the lag-one covariance of its prediction errors.
 
     Each sample brings one penalty row, for one regressor after the other and as large as p of them: on average the
     penalty of eq 14, at the price of one more rotation.
@@ -81,15 +81,15 @@ def follow_reference(s: Settings, x: State, phi: Array, y: Array, w0: Array, wor
         for i in range(p):
             theta[i] += work.K[i] * e
         if not math.isnan(x.reference_last[q]):
-            x.lasting[q, 0] = s.reference_forgetting * x.lasting[q, 0] + e * x.reference_last[q]
-            x.lasting[q, 1] = s.reference_forgetting * x.lasting[q, 1] + 1.0
+            x.lag_one[q, 0] = s.reference_forgetting * x.lag_one[q, 0] + e * x.reference_last[q]
+            x.lag_one[q, 1] = s.reference_forgetting * x.lag_one[q, 1] + 1.0
         x.reference_last[q] = e
         if turn == 0:
-            observe_straying(s, x, q, work)
+            observe_deviation(s, x, q, work)
 
 
 @compiled
-def observe_straying(s: Settings, x: State, q: int, work: Work) -> None:
+def observe_deviation(s: Settings, x: State, q: int, work: Work) -> None:
     """Take in row q's deviations from the reference, in units of their standard errors; at every p-th sample."""
     noise_errors(x, q, work.variance, work.lag, work.g)
     total = 0.0
@@ -98,8 +98,8 @@ def observe_straying(s: Settings, x: State, q: int, work: Work) -> None:
         square = difference * difference
         variance = work.g[i] * work.g[i]
         total += square / variance if square < FAR * variance else FAR
-    x.straying[0] = s.straying_forgetting * x.straying[0] + total / s.effectors_from
-    x.straying[1] = s.straying_forgetting * x.straying[1] + 1.0
+    x.deviation[0] = s.deviation_forgetting * x.deviation[0] + total / s.effectors_from
+    x.deviation[1] = s.deviation_forgetting * x.deviation[1] + 1.0
 
 
 @compiled
@@ -120,28 +120,30 @@ def moving_air(x: State) -> float:
 
 
 @compiled
-def bent_model(x: State) -> float:
-    """How far the model counts as bent, 0 to 1."""
-    if x.straying[1] <= 0.0:
+def nonlinearity(x: State) -> float:
+    """How far the aircraft counts as nonlinear over the memory of the estimator, 0 to 1."""
+    if x.deviation[1] <= 0.0:
         return 0.0
-    return float(min(max((x.straying[0] / x.straying[1] - STRAIGHT) / (BENT - STRAIGHT), 0.0), 1.0))
+    return float(min(max((x.deviation[0] / x.deviation[1] - LINEAR) / (NONLINEAR - LINEAR), 0.0), 1.0))
 
 
 @compiled
-def lasting_variance(s: Settings, x: State, q: int) -> float:
-    """Squared bias that what moves with the regressors may cause in row q, per unit of white covariance.
+def lag_one_variance(s: Settings, x: State, q: int) -> float:
+    """Squared bias that residuals correlated with the regressors may cause in row q, per unit of white covariance.
 
-    The lasting part of the residual, as far as air or bending make it, times the samples that the estimate looks back.
+    The lag-one covariance, as far as gusts or nonlinearity explain it, times the samples in the estimator's memory.
 
     Returns
     -------
     float
-        [output^2]; 0 where nothing lasts.
+        [output^2]; 0 where the lag-one covariance is not positive.
     """
-    if x.lasting[q, 1] <= 0.0 or x.lasting[q, 0] <= 0.0:
+    if x.lag_one[q, 1] <= 0.0 or x.lag_one[q, 0] <= 0.0:
         return 0.0
     samples = float(x.age[x.group[q]])
     if s.horizon < samples:
         samples = float(s.horizon)
-    times = max(moving_air(x) * samples, BENDING * BENDING * bent_model(x) * min(samples, WANDERING))
-    return float(times * x.lasting[q, 0] / x.lasting[q, 1])
+    times = max(
+        moving_air(x) * samples, NONLINEAR_SHARE * NONLINEAR_SHARE * nonlinearity(x) * min(samples, NONLINEAR_SAMPLES)
+    )
+    return float(times * x.lag_one[q, 0] / x.lag_one[q, 1])

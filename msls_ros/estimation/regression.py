@@ -61,7 +61,7 @@ def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
         confounded=False,
         reference_forgetting=1.0,
         confounding=np.zeros(regressors),
-        straying_forgetting=1.0,
+        deviation_forgetting=1.0,
         watch=0,
         followed_row=-1,
         followed_column=-1,

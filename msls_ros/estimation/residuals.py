@@ -1,4 +1,4 @@
-"""Statistics of the residuals: their variance under each colour, and what tells the colours apart.
+"""Statistics of the residuals: their variance under each autocorrelation, and which autocorrelation they have.
 
 The kernel propagates the error covariance for residuals that are AR(1) with each of a few coefficients, and with it
 predicts, in units of the residual variance, the variance ``s_k`` of each prediction error and its covariance ``l_k``
@@ -9,7 +9,7 @@ with the one before. With exponential weights f this file sums, per row and colo
     colour[1] = sum f^(n-k) e_k e_(k-1) / sqrt(s_k s_(k-1)) measured product of successive prediction errors
     colour[2] = sum f^(n-k) l_k         / sqrt(s_k s_(k-1)) predicted one
 
-The colour is the coefficient for which the last two agree.
+The autocorrelation is the coefficient for which the last two agree.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ from msls_ros.estimation.state import Settings, State
 
 
 @compiled
-def propagate_colours(s: Settings, x: State, g: int, phi: Array, work: Work) -> None:
-    """Propagate the error covariance of group g under each colour; ``work.variance`` and ``work.lag`` follow.
+def propagate_autocorrelated(s: Settings, x: State, g: int, phi: Array, work: Work) -> None:
+    """Propagate the error covariance of group g under each autocorrelation; ``work.variance`` and ``work.lag`` follow.
 
     Parameters
     ----------
@@ -44,9 +44,9 @@ def propagate_colours(s: Settings, x: State, g: int, phi: Array, work: Work) -> 
 
 @compiled
 def observe_residual(s: Settings, x: State, q: int, g: int, e: float, variance: Array, lag: Array) -> None:
-    """Update the residual variance of row q under each colour, and what tells the colours apart.
+    """Update the residual variance of row q under each autocorrelation, and the statistics that select one.
 
-    ``colour`` compares the measured product of successive prediction errors with the one each colour predicts.
+    ``colour`` compares the measured product of successive prediction errors with the one each autocorrelation predicts.
     """
     if x.age[g] <= x.theta.shape[1]:
         return
@@ -67,8 +67,8 @@ def observe_residual(s: Settings, x: State, q: int, g: int, e: float, variance: 
 
 
 @compiled
-def colour_weights(x: State, q: int, weights: Array) -> None:
-    """Say how much each residual colour counts for row q: (m,) out, sum 1, at most two neighbours nonzero."""
+def autocorrelation_weights(x: State, q: int, weights: Array) -> None:
+    """Say how much each residual autocorrelation counts for row q: (m,) out, sum 1, at most two neighbours nonzero."""
     m = weights.shape[0]
     for i in range(m):
         weights[i] = 0.0
@@ -89,9 +89,9 @@ def colour_weights(x: State, q: int, weights: Array) -> None:
 
 @compiled
 def residual_variances(x: State, q: int, variances: Array) -> None:
-    """Variance of row q's residual under each colour: (m,) out [output^2]; NaN before there is any data.
+    """Variance of row q's residual under each autocorrelation: (m,) out [output^2]; NaN before there is any data.
 
-    Coloured residuals repeat themselves: their variance is taken over the longer memory of the colour.
+    Autocorrelated residuals hold fewer independent values: their variance is taken over the longer memory.
     """
     short = x.weight[q, 0]
     long = x.weight[q, 1]
@@ -113,7 +113,7 @@ def noise_errors(x: State, q: int, weights: Array, variances: Array, errors: Arr
     q
         Identified row.
     weights, variances
-        (m,) out: see `colour_weights` and `residual_variances`.
+        (m,) out: see `autocorrelation_weights` and `residual_variances`.
     errors
         (p,) out; infinite before there is any data.
 
@@ -122,7 +122,7 @@ def noise_errors(x: State, q: int, weights: Array, variances: Array, errors: Arr
     float
         Standard deviation of the residual [output]; NaN before there is any data.
     """
-    colour_weights(x, q, weights)
+    autocorrelation_weights(x, q, weights)
     residual_variances(x, q, variances)
     mean = 0.0
     for m in range(weights.shape[0]):

@@ -19,7 +19,7 @@ from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.detection import sense_change
 from msls_ros.estimation.kernel import Array, Integers, Work, inverse_diagonal, msls_gain, rls_gain
 from msls_ros.estimation.reference import follow_reference
-from msls_ros.estimation.residuals import observe_residual, propagate_colours
+from msls_ros.estimation.residuals import observe_residual, propagate_autocorrelated
 from msls_ros.estimation.state import Output, Settings, State, clear_group
 
 
@@ -108,7 +108,7 @@ def update_group(s: Settings, x: State, g: int, phi: Array, y: Array, e: Array, 
         for i in range(p):
             x.rho[g, i] = 1.0 - x.omega[g, i] * work.z[i] if x.omega[g, i] > 0.0 else 1.0
     x.age[g] += 1
-    propagate_colours(s, x, g, phi, work)
+    propagate_autocorrelated(s, x, g, phi, work)
     for q in range(y.shape[0]):
         if x.group[q] != g:
             continue

@@ -177,7 +177,7 @@ class DitherParameters:
     enabled: bool = parameter(True, "inject noise into the effectors")
     seed: int = parameter(0, "seed of the random sequences", low=0, high=2**31 - 1, in_flight=False)
     limit_nominal: float = parameter(
-        0.012, "predicted rms acceleration at the pilot, every day", unit="g", low=0.0, high=0.05
+        0.012, "predicted rms acceleration at the pilot, nominal level", unit="g", low=0.0, high=0.05
     )
     limit_boosted: float = parameter(
         0.04, "the same after an alarm; MIL-F-8785C allows 0.05", unit="g", low=0.0, high=0.05

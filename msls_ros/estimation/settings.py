@@ -54,7 +54,7 @@ def loop_settings(c: Configuration) -> Settings:
         effectors_to=len(c.rows) + len(c.effectors),
         confounded=bool(confounding.any()) and forgetting < 1.0,
         reference_forgetting=1.0 - (1.0 - forgetting) / reliability.reference_memory,
-        straying_forgetting=max(1.0 - p / (reliability.colour_memory * len(c.rows)), 0.0),
+        deviation_forgetting=max(1.0 - p / (reliability.colour_memory * len(c.rows)), 0.0),
         watch=4 * p + math.ceil(reference),
         confounding=confounding,
         followed_row=-1,

@@ -63,8 +63,8 @@ class Settings(NamedTuple):
     """Forgetting factor of the reference model, closer to 1 than the estimator's [1]."""
     confounding: Array
     """(p,) squared correlation of what the model does not know with each regressor [1]."""
-    straying_forgetting: float
-    """Of `State.straying`, per look at a row [1]."""
+    deviation_forgetting: float
+    """Of `State.deviation`, per look at a row [1]."""
     watch: int
     """Samples before the reference model vouches for anything in moving air."""
     followed_row: int
@@ -129,9 +129,9 @@ class State(NamedTuple):
     """(r, p) its estimates."""
     reference_last: Array
     """(r,) its last prediction errors; NaN: none."""
-    lasting: Array
+    lag_one: Array
     """(r, 2) weighted sum of its products of successive prediction errors, and of the weights."""
-    straying: Array
+    deviation: Array
     """(2,) weighted sum of the squared deviations of the estimates from it over their variances, and of the weights."""
     air: Array
     """(1,) share of the motion through the air that is the air's (`gusts`) [1]."""
@@ -188,8 +188,8 @@ def make_state(settings: Settings, rows: int) -> State:
         reference=np.zeros((p, p)),
         reference_theta=np.zeros((rows, p)),
         reference_last=np.zeros(rows),
-        lasting=np.zeros((rows, 2)),
-        straying=np.zeros(2),
+        lag_one=np.zeros((rows, 2)),
+        deviation=np.zeros(2),
         air=np.zeros(1),
         samples=np.zeros(1, np.int64),
     )
@@ -250,14 +250,14 @@ def clear(s: Settings, x: State) -> None:
             for k in range(3):
                 x.colour[q, m, k] = 0.0
         x.reference_last[q] = math.nan
-        x.lasting[q, 0] = 0.0
-        x.lasting[q, 1] = 0.0
+        x.lag_one[q, 0] = 0.0
+        x.lag_one[q, 1] = 0.0
     for i in range(x.phi_ms.shape[0]):
         x.phi_ms[i] = 0.0
         for k in range(x.phi_ms.shape[0]):
             x.reference[i, k] = 0.0
         x.reference[i, i] = s.penalty[i] * s.scale[i]
-    x.straying[0] = 0.0
-    x.straying[1] = 0.0
+    x.deviation[0] = 0.0
+    x.deviation[1] = 0.0
     x.air[0] = 0.0
     x.samples[0] = 0

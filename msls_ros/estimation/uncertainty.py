@@ -1,4 +1,4 @@
-"""Error bars from the propagated covariance: for white and coloured residuals, and for what moves with the regressors.
+"""Error bars from the propagated covariance: white and autocorrelated residuals, and residuals that follow regressors.
 
 The kernel propagates the parameter covariance of the gains actually used for residuals that are AR(1) with each of a
 few coefficients (`COLOURS`). Prediction errors of a fast-forgetting estimator are whiter than the residuals behind
@@ -6,16 +6,16 @@ them, so their own autocorrelation says little; instead the measured product of 
 with the one that each coefficient predicts, and the error bars are interpolated between the two coefficients that
 bracket it (`residuals`).
 
-That holds for residuals that know nothing of the regressors. Gusts do: they move states and accelerations together, and
-bias the estimates. A residual ``v`` that moves with the regressors adds up over the N samples that the estimate looks
-back instead of averaging out. By Cauchy and Schwarz, ``P`` being the covariance for white residuals::
+That holds for residuals independent of the regressors. Gusts are not: they move states and accelerations together, and
+bias the estimates. A residual ``v`` correlated with the regressors adds up over the N samples in the estimator's
+memory instead of averaging out. By Cauchy and Schwarz, ``P`` being the covariance for white residuals::
 
     |bias_i| = |sum_k (Psi_nk K_k)_i v_k|  <=  rho sqrt(N) sigma_v sqrt(P_ii),    N = (1 + lambda)/(1 - lambda)
 
-``sigma_v`` is that of the lasting part of the residuals of a reference model (`reference`): the estimator's own
+``sigma_v`` is from the lag-one covariance of the residuals of a reference model (`reference`): the estimator's own
 residuals are orthogonal to the regressors by construction. ``rho``, for states and for effectors, is a parameter; 1 is
-the worst that can be. Where the air moves (`gusts`), the error bar is the larger of the two; where the model bends (a
-strong manoeuvre) rho counts for a part.
+the worst that can be. In gusts (see `gusts`) the error bar is the larger of the two; where the aircraft is nonlinear
+over the memory (a strong manoeuvre) rho counts for a part.
 
 References
 ----------
@@ -32,7 +32,7 @@ import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.reference import lasting_variance
+from msls_ros.estimation.reference import lag_one_variance
 from msls_ros.estimation.residuals import noise_errors
 from msls_ros.estimation.state import Settings, State
 
@@ -59,10 +59,10 @@ def error_bars(s: Settings, x: State, q: int, weights: Array, variances: Array, 
     """
     residual = noise_errors(x, q, weights, variances, errors)
     if s.confounded:
-        lasting = lasting_variance(s, x, q)
+        variance = lag_one_variance(s, x, q)
         g = x.group[q]
         for i in range(errors.shape[0]):
-            bias = s.confounding[i] * lasting * x.P[g, 0, i, i]
+            bias = s.confounding[i] * variance * x.P[g, 0, i, i]
             if bias > errors[i] * errors[i]:
                 errors[i] = math.sqrt(bias)
     return residual

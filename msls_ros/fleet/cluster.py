@@ -19,7 +19,7 @@ from dask import config
 from distributed import CancelledError, Client, KilledWorker, LocalCluster
 from distributed import TimeoutError as NotYet
 
-from msls_ros.fleet.runner import Attempt, Done, FleetError, check_code, running_code
+from msls_ros.fleet.work import Attempt, Done, FleetError, check_code, running_code
 
 PER_THREAD = 2
 """Tasks in flight for each thread of the workers: one runs, one waits."""

@@ -19,18 +19,8 @@ from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
 from msls_ros import messages
-from msls_ros.estimation import (
-    Configuration,
-    Dither,
-    Estimate,
-    EstimationError,
-    Identifier,
-    InputAdapter,
-    Level,
-    PairedSample,
-    Refused,
-    Synchronizer,
-)
+from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, Identifier, Level
+from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
 from msls_ros.nodes.inputs import declare_inputs, subscribe
 from msls_ros.nodes.parameters import (
     NodeError,

@@ -11,7 +11,7 @@ from rcl_interfaces.msg import ParameterDescriptor
 from rclpy.node import Node
 from rclpy.subscription import Subscription
 
-from msls_ros.estimation import InputMap
+from msls_ros.inputs import InputMap
 from msls_ros.nodes.parameters import NodeError, plain
 from msls_ros.nodes.quality import FOREIGN_INPUT
 

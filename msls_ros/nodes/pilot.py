@@ -11,7 +11,7 @@ from msls_msgs.msg import EffectorCommand, StateSample
 from rclpy.node import Node
 
 from msls_ros import messages
-from msls_ros.estimation import NamedVector, Refused
+from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate

@@ -15,7 +15,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from msls_ros import messages
-from msls_ros.estimation import NamedVector, Refused
+from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate

@@ -14,7 +14,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from msls_ros.bags import BagWriter
-from msls_ros.estimation import Refused
+from msls_ros.inputs import Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.refusals import Refusals
 

@@ -10,7 +10,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from msls_ros.estimation import Refused
+from msls_ros.inputs import Refused
 
 TIME_JUMP = 1_000_000_000
 """A step back in time larger than this is a new beginning [ns]; a smaller one is refused."""

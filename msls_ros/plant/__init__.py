@@ -1,6 +1,7 @@
 """The plant: an F-16 with thrust vectoring (F-16/MATV) over JSBSim, with sensors, damage, truth and a pilot.
 
-SI units and radians. See `msls_ros.plant.airframe` for how the aircraft is derived and what it leaves out.
+SI units and radians. This room imports jsbsim and no other room. Begin with `aircraft.Aircraft`; `airframe` tells how
+the aircraft is derived and what it leaves out.
 """
 
 from msls_ros.plant.aircraft import Aircraft

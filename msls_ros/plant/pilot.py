@@ -12,7 +12,7 @@ correction over rudder, differential tail, differential flap and yaw vectoring::
 The numbers belong to the high-alpha condition, where k = 1. Elsewhere `k`, and the price of deflection behind K, follow
 from the control power found in the truth at trim, such that the angular acceleration asked for an error is that of the
 high-alpha condition times the airspeed over the one there. When the manoeuvre leaves the roll stick alone, the wings
-are levelled slowly: long flights do not wander off.
+are levelled slowly: long flights do not drift.
 """
 
 from __future__ import annotations

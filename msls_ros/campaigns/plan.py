@@ -1,0 +1,150 @@
+"""What a campaign flies: scenarios, noises and settings of the identifier, all checked before anything flies."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+from msls_ros.campaigns.flight import SHORT, Cell, Task
+from msls_ros.estimation import Configuration, EstimationError
+from msls_ros.estimation.configuration import as_mapping
+from msls_ros.flights.scenarios import OURS, find_scenario
+from msls_ros.plant import NOISE_LEVELS
+
+FULL = {short: name for name, short in SHORT.items()}
+LAST_SEED = 2**31 - 1
+Setting = tuple[tuple[str, Any], ...]
+
+
+class PlanError(ValueError):
+    """A campaign cannot be flown as asked for: one sentence, what was found and what was expected."""
+
+
+def noise_list(text: str) -> tuple[str, ...]:
+    """Read ``none,low``."""
+    found = tuple(text.split(","))
+    for noise in found:
+        if noise not in NOISE_LEVELS:
+            message = f"{noise!r} is no noise level; expected some of {','.join(NOISE_LEVELS)}"
+            raise argparse.ArgumentTypeError(message)
+    if len(set(found)) < len(found):
+        message = f"{text!r} has a noise level twice; expected each once"
+        raise argparse.ArgumentTypeError(message)
+    return found
+
+
+def comparison(text: str) -> tuple[str, tuple[str, ...]]:
+    """Read ``lambda=0.8,0.9``: the full name of a parameter, and its values as they stand there."""
+    name, equals, rest = text.partition("=")
+    values = tuple(value.strip() for value in rest.split(","))
+    if not equals or not name or "" in values:
+        message = f"{text!r} is no comparison; expected NAME=VALUE,VALUE such as lambda=0.8,0.9,0.95"
+        raise argparse.ArgumentTypeError(message)
+    return FULL.get(name, name), values
+
+
+def plan(
+    names: Sequence[str],
+    noises: Sequence[str] | None,
+    comparisons: Sequence[tuple[str, tuple[str, ...]]],
+    dither: bool,
+) -> list[Cell]:
+    """Return what is to be flown with each seed.
+
+    Parameters
+    ----------
+    names
+        Of shipped scenarios, or paths of .yaml files.
+    noises
+        Of the sensors; None: each scenario's own.
+    comparisons
+        Parameters of the identifier and their values; all combinations are flown.
+    dither
+        Inject noise.
+
+    Raises
+    ------
+    PlanError
+        For a thing twice, or a parameter that cannot be compared.
+    ScenarioError
+        For a scenario that does not exist, or a wrong file.
+    EstimationError
+        For a parameter that does not exist, or a value that it refuses.
+    """
+    scenarios = [find_scenario(name) for name in names]
+    _refuse_twice([one.name for one in scenarios], "scenario")
+    _refuse_twice([name for name, _ in comparisons], "--compare")
+    cells = []
+    for scenario in scenarios:
+        for noise in noises or (scenario.noise,):
+            base = scenario.configuration(noise, 0, dither)
+            cells += [Cell(scenario, noise, one, base.replace(dict(one))) for one in _settings(base, comparisons)]
+    return cells
+
+
+def _settings(base: Configuration, comparisons: Sequence[tuple[str, tuple[str, ...]]]) -> Iterator[Setting]:
+    """Yield all combinations of the values, each of the type that its parameter has."""
+    known = as_mapping(base)
+    axes = []
+    for name, texts in comparisons:
+        if name in OURS:
+            message = f"--compare {name}: it cannot be compared, {OURS[name]} gives it"
+            raise PlanError(message)
+        if name not in known:
+            base.replace({name: texts[0]})
+        if isinstance(known[name], tuple):
+            message = f"--compare {name}: it is a list; expected a parameter of one number or word"
+            raise PlanError(message)
+        if name == FULL["lambda"] and base.estimator.time_constant > 0.0:
+            message = "--compare lambda: estimator.time_constant gives it here; compare that one"
+            raise PlanError(message)
+        values = [_typed(text, known[name]) for text in texts]
+        _refuse_twice([f"{value}" for value in values], f"--compare {name}")
+        axes.append([(name, value) for value in values])
+    yield from itertools.product(*axes)
+
+
+def _typed(text: str, like: Any) -> Any:
+    """Return the value in the type of the parameter's, or as it stands: then the configuration refuses it."""
+    if isinstance(like, bool):
+        return {"true": True, "false": False}.get(text.lower(), text)
+    if isinstance(like, (int, float)):
+        try:
+            return type(like)(text)
+        except ValueError:
+            return text
+    return text
+
+
+def _refuse_twice(values: Sequence[str], what: str) -> None:
+    for value in values:
+        if values.count(value) > 1:
+            message = f"{what}: '{value}' is there twice; expected each once"
+            raise PlanError(message)
+
+
+def tasks_of(cells: Sequence[Cell], first_seed: int, seeds: int) -> list[Task]:
+    """Return the flights, in the order of the tables.
+
+    Raises
+    ------
+    PlanError
+        For seeds beyond the last.
+    """
+    if first_seed + seeds - 1 > LAST_SEED:
+        message = f"--first-seed {first_seed} with --seeds {seeds}: expected no seed beyond {LAST_SEED}"
+        raise PlanError(message)
+    return [Task(cell, seed, cell.flight_key(seed)) for cell in cells for seed in range(first_seed, first_seed + seeds)]
+
+
+def name_of(cells: Sequence[Cell]) -> str:
+    """Return a name for the campaign's folder."""
+    names = list(dict.fromkeys(cell.scenario.name for cell in cells))
+    return names[0] if len(names) == 1 else f"{names[0]}_and_{len(names) - 1}_more"
+
+
+def explain(error: Exception) -> str:
+    """Return what is wrong, as one line of the command."""
+    return f"--compare: {error}" if isinstance(error, EstimationError) else str(error)

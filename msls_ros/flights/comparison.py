@@ -1,0 +1,121 @@
+"""What a flight shows: the recorded estimate, MSLS without detection and RLS on the same samples, all against truth."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msls_ros.flights.judging import START, TICK, detection, errors, false_alarms, mean, rms
+from msls_ros.flights.scenarios import Scenario
+from msls_ros.plant import ACTUATORS, PILOT_STATION
+
+Array = NDArray[np.float64]
+GRAVITY = 9.80665
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Time histories of one flight; n samples."""
+
+    time: Array
+    truth: Array
+    """(n,) the watched parameter."""
+    estimates: Mapping[str, Array]
+    """(n,) of msls (as recorded), msls_no_detection, rls."""
+    std: Array
+    """(n,) standard error of the recorded estimate."""
+    reliable: NDArray[np.bool_]
+    """(n,) published as reliable."""
+    alpha: Array
+    beta: Array
+    """(n,) true angle of attack and sideslip [rad]."""
+    x: Array
+    """(n, 9) true states."""
+    delta: Array
+    """(n, 7) measured deflections [rad]."""
+    dither: Array
+    """(n, 7) dither commands [rad]."""
+    dither_rms: Array
+    """(n,) rms wanted at the surfaces [rad]."""
+    predicted: Array
+    limit: Array
+    """(n,) predicted rms acceleration at the pilot and its limit [g]."""
+    realised: Array
+    """(n, 3) acceleration at the pilot's station by the dither alone, through actuators and the true B [g]."""
+    boosted: NDArray[np.bool_]
+    events: Sequence[tuple[float, str, tuple[str, ...]]]
+    """Time [s], kind and equations."""
+
+
+def realised_acceleration(time: Array, commands: Array, truth_b: Array) -> Array:
+    """Acceleration (n, 3) at the pilot's station by the dither alone [g] (eq 20), through first-order actuators.
+
+    Parameters
+    ----------
+    time
+        (n,) [s].
+    commands
+        (n, 7) dither [rad], held from each sample to the next.
+    truth_b
+        (n, 9, 7) true B.
+    """
+    forward, above = PILOT_STATION
+    pole = np.exp(-np.array([a.bandwidth for a in ACTUATORS]) * float(np.median(np.diff(time))))
+    surface = np.zeros_like(commands)
+    for k in range(1, len(commands)):
+        surface[k] = pole * surface[k - 1] + (1.0 - pole) * commands[k - 1]
+    u, v, w, p, q, r = np.einsum("nij,nj->in", truth_b[:, :6], surface)
+    return np.stack([u, v + above * p + forward * r, w - forward * q], axis=1) / GRAVITY
+
+
+def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
+    """Return the numbers of a flight: detection, false alarms, errors of the watched parameter, dither.
+
+    Before the fault is before the first one strikes; afterwards is after the end of the last ramp.
+    """
+    start, end = scenario.fault_start, scenario.fault_end
+    before = c.time <= (c.time[-1] if start is None else start) + TICK
+    truth_before = float(c.truth[before][-1])
+    watched: dict[str, Any] = {
+        "truth_before": truth_before,
+        "truth_after": None if end is None else _first(c.truth[c.time > end + TICK]),
+        "reliable_share_before": mean(c.reliable[before & (c.time > START)]),
+    }
+    faults = None if start is None or end is None else (start, end)
+    watched.update({name: errors(c.time, one, c.truth, faults, truth_before) for name, one in c.estimates.items()})
+    alarms = [(t, equations) for t, kind, equations in c.events if kind == "detected"]
+    detections = [detection(span, alarms) for span in scenario.fault_spans]
+    return {
+        "watch": "/".join(scenario.watch),
+        "detection": detections[0] if detections else detection(None, alarms),
+        "detections": detections,
+        "false_alarms": false_alarms(scenario.fault_spans, alarms),
+        scenario.watch.symbol: watched,
+        "dither": _dither(c),
+        "flight": {
+            "alpha_error_max_deg": float(np.degrees(np.abs(c.alpha - c.alpha[0]).max())),
+            "sideslip_max_deg": float(np.degrees(np.abs(c.beta).max())),
+            "finite": bool(all(np.isfinite(v).all() for v in (c.x, c.delta, c.dither, *c.estimates.values()))),
+        },
+    }
+
+
+def _dither(c: Comparison) -> dict[str, float]:
+    """Return the dither's numbers; the realised rms over the nominal and over the boosted samples."""
+    total = np.linalg.norm(c.realised, axis=1)
+    nominal, boosted = ~c.boosted, c.boosted
+    return {
+        "predicted_g_max": float(c.predicted.max()),
+        "predicted_g_max_nominal": float(c.predicted[nominal].max()),
+        "realised_g_rms": rms(total[nominal]),
+        "realised_g_rms_boosted": rms(total[boosted]) if boosted.any() else 0.0,
+        "rms_rad_max": float(c.dither_rms.max()),
+    }
+
+
+def _first(values: Array) -> float | None:
+    return float(values[0]) if len(values) else None

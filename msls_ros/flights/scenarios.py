@@ -1,0 +1,310 @@
+"""Scenarios: flights as data, in ``config/scenarios/*.yaml`` and in anybody's own files of that form.
+
+``config/scenarios/roll_doublet_tail_fault.yaml`` is the manual: it has every key, with meaning, unit and range.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from msls_ros.estimation import Configuration, EstimationError
+from msls_ros.estimation.configuration import as_mapping
+from msls_ros.flights.closed_loop import Flight, Rates
+from msls_ros.flights.scenario_yaml import ScenarioError, Section, load, shown, suggestion
+from msls_ros.flights.watch import ROLL_POWER, ROWS, Watch
+from msls_ros.inputs.profiles import config_folder, read_profile
+from msls_ros.plant import (
+    CONDITIONS,
+    EFFECTORS,
+    MANOEUVRES,
+    NOISE_LEVELS,
+    STATES,
+    SURFACES,
+    TURBULENCE,
+    Fault,
+    PlantError,
+    check_faults,
+)
+
+__all__ = ["Scenario", "ScenarioError", "find_scenario", "listing", "read_scenario", "shipped", "shipped_names"]
+
+FIRST = ("roll_doublet_tail_fault", "roll_doublet")
+"""The paper's; the other shipped ones follow in the order of the alphabet."""
+KEYS = (
+    *("description", "condition", "manoeuvre", "duration", "noise", "turbulence"),
+    *("rates", "faults", "watch", "identifier"),
+)
+RATES = ("flight_dynamics", "sensors", "truth")
+FAULT = ("effector", "time", "effectiveness", "ramp", "stuck", "bias")
+IDENTIFIER = ("profile", "parameters")
+LONGEST = 36_000.0
+"""[s]"""
+OURS = {
+    "sample_rate": "rates.sensors",
+    "dither.seed": "the seed",
+    "dither.enabled": "the command line",
+    "states": "the plant",
+    "effectors": "the plant",
+}
+"""Parameters of the identifier that a scenario does not set itself, and what does."""
+
+
+LEAST_SAMPLES = 10
+"""Of a flight."""
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """One flight: what is flown, what breaks, and the identifier that goes with it."""
+
+    name: str
+    description: str
+    """One line."""
+    condition: str
+    """A name of `CONDITIONS`."""
+    manoeuvre: str
+    """A name of `MANOEUVRES`."""
+    duration: float
+    """[s]"""
+    profile: str
+    """Parameters of the identifier: a shipped profile, or the path of one."""
+    noise: str = "low"
+    """Of the sensors, where nothing else is asked for; a name of `NOISE_LEVELS`."""
+    turbulence: str = "none"
+    """A name of `TURBULENCE`."""
+    rates: Rates = field(default_factory=Rates)
+    faults: tuple[Fault, ...] = ()
+    """In order of time."""
+    watch: Watch = ROLL_POWER
+    """The parameter whose error is followed."""
+    parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """What changes in the profile, by noise."""
+
+    @property
+    def has_fault(self) -> bool:
+        """Whether anything breaks."""
+        return bool(self.faults)
+
+    @property
+    def fault_spans(self) -> tuple[tuple[float, float], ...]:
+        """For each fault the time of the sample after which it strikes, and the end of its ramp [s]."""
+        starts = [(fault.sample(self.rates.period) / self.rates.sensors, fault.ramp) for fault in self.faults]
+        return tuple((start, start + ramp) for start, ramp in starts)
+
+    @property
+    def fault_start(self) -> float | None:
+        """When the first fault strikes [s]; None: nothing breaks."""
+        return self.fault_spans[0][0] if self.faults else None
+
+    @property
+    def fault_end(self) -> float | None:
+        """When everything that breaks has broken: the end of the last ramp [s]; None: nothing breaks."""
+        return max(end for _, end in self.fault_spans) if self.faults else None
+
+    def configuration(self, noise: str, seed: int, dither: bool) -> Configuration:
+        """Return the identifier's configuration for a noise level, a seed, and with or without dither."""
+        changes = {**self.parameters.get(noise, {}), "sample_rate": float(self.rates.sensors)}
+        return read_profile(self.profile).replace({**changes, "dither.seed": seed, "dither.enabled": dither})
+
+    def flight(self, noise: str, seed: int) -> Flight:
+        """Return the flight without ROS for a noise level, and a seed of sensors and turbulence."""
+        return Flight(
+            noise,
+            seed,
+            self.duration,
+            MANOEUVRES[self.manoeuvre],
+            self.faults,
+            self.condition,
+            self.turbulence,
+            self.rates,
+        )
+
+
+def shipped_names() -> tuple[str, ...]:
+    """Return the names of the scenarios that ship, the paper's first."""
+    found = {path.stem for path in (config_folder() / "scenarios").glob("*.yaml")}
+    return (*(name for name in FIRST if name in found), *sorted(found - set(FIRST)))
+
+
+def shipped() -> dict[str, Scenario]:
+    """Read the scenarios that ship, by name, the paper's first."""
+    return {name: find_scenario(name) for name in shipped_names()}
+
+
+def listing() -> str:
+    """Return a line for each scenario that ships, for --help."""
+    return "\n".join(f"  {one.name:<26}{one.description}" for one in shipped().values())
+
+
+def find_scenario(name: str | os.PathLike[str]) -> Scenario:
+    """Read a scenario.
+
+    Parameters
+    ----------
+    name
+        Of a shipped one, or the path of a YAML file.
+
+    Raises
+    ------
+    ScenarioError
+        For a name that is not shipped, or a file that is wrong.
+    """
+    if Path(name).suffix in (".yaml", ".yml"):
+        return read_scenario(Path(name))
+    known = shipped_names()
+    if str(name) not in known:
+        message = f"scenario '{name}' does not exist; expected {suggestion(str(name), known)}, or a .yaml file"
+        raise ScenarioError(message)
+    return read_scenario(config_folder() / "scenarios" / f"{name}.yaml")
+
+
+def read_scenario(file: Path) -> Scenario:
+    """Read a scenario's file.
+
+    Parameters
+    ----------
+    file
+        Its name without the ending is the scenario's.
+
+    Raises
+    ------
+    ScenarioError
+        For a file that is missing or wrong; the sentence names file, key, what was found and what was expected.
+    """
+    top = Section(file, "", load(file), KEYS)
+    description = top.text("description", "one line of text")
+    condition = top.word("condition", CONDITIONS)
+    manoeuvre = top.word("manoeuvre", MANOEUVRES)
+    duration = top.number("duration", 0.1, LONGEST, "s")
+    profile, parameters = _read_identifier(top)
+    rates = _read_rates(top)
+    samples = round(duration / rates.period)
+    if samples < LEAST_SAMPLES:
+        least = f"at least {LEAST_SAMPLES} samples, {LEAST_SAMPLES * rates.period:g} s at {rates.sensors} Hz"
+        top.refuse("duration", f"is {duration:g} s; expected {least}")
+    return Scenario(
+        file.stem,
+        description,
+        condition,
+        manoeuvre,
+        duration,
+        profile,
+        top.word("noise", NOISE_LEVELS, "low"),
+        top.word("turbulence", TURBULENCE, "none"),
+        rates,
+        _read_faults(top, duration, rates.period),
+        _read_watch(top),
+        parameters,
+    )
+
+
+def _read_rates(top: Section) -> Rates:
+    section = top.section("rates", RATES, {})
+    default = Rates()
+    values = {name: section.whole(name, 1, 1000, "Hz", getattr(default, name)) for name in RATES}
+    try:
+        return Rates(**values)
+    except PlantError as error:
+        section.refuse(_first_word(error), _rest(error))
+
+
+def _read_faults(top: Section, duration: float, period: float) -> tuple[Fault, ...]:
+    faults = []
+    for section in top.sections("faults", FAULT):
+        effector = section.word("effector", (*SURFACES, *EFFECTORS))
+        time = section.number("time", 0.0, LONGEST, "s")
+        effectiveness = section.number("effectiveness", 0.0, 1.0, "(0 lost, 1 intact)")
+        ramp = section.number("ramp", 0.0, 3600.0, "s", 0.0)
+        bias = section.number("bias", -1.0, 1.0, "rad", 0.0)
+        if time >= duration:
+            section.refuse("time", f"is {time:g} s; expected less than the duration of the flight, {duration:g} s")
+        try:
+            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias)
+        except PlantError as error:
+            section.refuse(_first_word(error), _rest(error))
+        last = round(duration / period) - 1
+        if fault.sample(period) >= last:
+            latest = f"{(last - 1) * period:g} s or less, that a sample of the flight may feel it"
+            section.refuse("time", f"is {time:g} s; expected {latest}")
+        faults.append(fault)
+    try:
+        check_faults(faults)
+    except PlantError as error:
+        top.refuse(_first_word(error), _rest(error))
+    return tuple(faults)
+
+
+def _first_word(error: PlantError) -> str:
+    """Return the key that a sentence of the plant begins with."""
+    return str(error).split(" ", 1)[0]
+
+
+def _rest(error: PlantError) -> str:
+    """Return the sentence without the key, as those of the file are."""
+    return "is " + str(error).split(" ", 1)[1].replace(": expected", "; expected", 1)
+
+
+def _read_watch(top: Section) -> Watch:
+    expected = f"ROW/COLUMN such as P/ddt: one of {' '.join(ROWS)}, and a state or an effector"
+    text = top.text("watch", expected, "P/ddt")
+    row, _, column = text.partition("/")
+    if row not in ROWS or column not in (*STATES, *EFFECTORS):
+        top.refuse("watch", f"is {shown(text)}; expected {expected} ({' '.join((*STATES, *EFFECTORS))})")
+    return Watch(row, column)
+
+
+def _read_identifier(top: Section) -> tuple[str, dict[str, dict[str, Any]]]:
+    section = top.section("identifier", IDENTIFIER)
+    profile = section.text("profile", "a shipped profile or the path of a .yaml file")
+    if Path(profile).suffix in (".yaml", ".yml"):
+        profile = str((top.file.parent / profile).resolve())
+    try:
+        base = read_profile(profile)
+    except EstimationError as error:
+        section.wrap("profile", error)
+    if base.states != STATES or base.effectors != EFFECTORS:
+        names = " ".join((*base.states, *base.effectors))
+        section.refuse("profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *EFFECTORS))}")
+    parameters = {}
+    for level in section.section("parameters", NOISE_LEVELS, {}).values:
+        changes = section.section("parameters").section(level)
+        parameters[level] = _read_changes(changes, base)
+    return profile, parameters
+
+
+def _read_changes(section: Section, base: Configuration) -> dict[str, Any]:
+    """Return parameters of the identifier by full name, each of which the profile takes."""
+    known = as_mapping(base)
+    changes: dict[str, Any] = {}
+    for name, value in _flat(section):
+        if name in changes:
+            section.refuse(name, "stands there twice, dotted and in a section; expected once")
+        changes[name] = value
+    for name, value in changes.items():
+        if name in OURS:
+            section.refuse(name, f"is {shown(value)}; expected none, {OURS[name]} gives it")
+        if name not in known:
+            section.refuse(name, f"is unknown; expected a parameter of the identifier: {suggestion(name, known)}")
+        try:
+            base.replace({name: value})
+        except EstimationError as error:
+            section.wrap(name, error)
+    try:
+        base.replace(changes)
+    except EstimationError as error:
+        section.wrap("", error)
+    return changes
+
+
+def _flat(section: Section) -> Iterator[tuple[str, Any]]:
+    """Yield parameters by full name, whether written ``estimator.penalty`` or in a section ``estimator``."""
+    for name, value in section.values.items():
+        if isinstance(value, Mapping):
+            inner = section.section(name)
+            yield from ((f"{name}.{leaf}", one) for leaf, one in _flat(inner))
+        else:
+            yield name, value

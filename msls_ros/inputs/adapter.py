@@ -1,0 +1,377 @@
+"""From messages of any type to the samples that the identifier takes: one path for live data and bags.
+
+::
+
+    message -> fields (input_map) -> one clock (alignment) -> our frames, derivatives that
+               are known (frames) -> derivatives that are not (derivatives) -> StateRow, EffectorRow -> Synchronizer
+
+Where the derivative of a state comes from, the first that the mapping allows:
+
+================  ==================  =============================================================================
+measured          any                 ``derivatives.NAME``, or ``angular_acceleration`` for P, Q, R
+accelerometer     u, v, w             ``specific_force``, gravity and rates; moved from the IMU to the centre of mass
+kinematics        Phi, Theta, Psi     the rates and the Euler angles
+differentiated    any                 a window of samples; then all else passes the same window, see `derivatives`
+================  ==================  =============================================================================
+
+What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.kernel import Array
+from msls_ros.inputs import frames
+from msls_ros.inputs.alignment import Aligner, Values
+from msls_ros.inputs.derivatives import DerivativeFilter
+from msls_ros.inputs.field_paths import listed
+from msls_ros.inputs.input_map import VECTORS, InputMap, StreamInput
+from msls_ros.inputs.synchronizer import PairedSample, Refused, Synchronizer
+
+_ANGLES = ("Phi", "Theta", "Psi")
+_VELOCITY = ("u", "v", "w")
+_RATES = ("P", "Q", "R")
+
+
+class StateRow(NamedTuple):
+    """Arguments of `Synchronizer.add_state`."""
+
+    stamp: int
+    """[ns]"""
+    names: tuple[str, ...]
+    x: Array
+    xdot: Array
+
+    def offer(self, gate: Synchronizer) -> PairedSample | None:
+        """Put it through the gate; as `Synchronizer.add_state`."""
+        return gate.add_state(self.stamp, self.names, self.x, self.xdot)  # type: ignore[arg-type]
+
+
+class EffectorRow(NamedTuple):
+    """Arguments of `Synchronizer.add_effectors`."""
+
+    stamp: int
+    """[ns]"""
+    names: tuple[str, ...]
+    delta: Array
+
+    def offer(self, gate: Synchronizer) -> PairedSample | None:
+        """Put it through the gate; as `Synchronizer.add_effectors`."""
+        return gate.add_effectors(self.stamp, self.names, self.delta)  # type: ignore[arg-type]
+
+
+Row = StateRow | EffectorRow
+
+
+class InputAdapter:
+    """Turn messages into rows for the `Synchronizer`.
+
+    Parameters
+    ----------
+    inputs
+        What is read where.
+    states, effectors
+        Names that the identifier wants.
+    time_jump
+        A step back in time larger than this [s] starts anew; a message that goes back less is refused.
+    refused
+        Where refusals are counted by reason; None: in a counter of its own.
+    report
+        Told about each refusal, after it has been counted.
+
+    Raises
+    ------
+    EstimationError
+        If a state or effector comes from nowhere, or from two places.
+    """
+
+    def __init__(
+        self,
+        inputs: InputMap,
+        states: Sequence[str],
+        effectors: Sequence[str],
+        *,
+        time_jump: float = 1.0,
+        refused: Counter[str] | None = None,
+        report: Callable[[Refused], None] = lambda _: None,
+    ) -> None:
+        """Plan the way of every number; see the class."""
+        self.inputs = inputs
+        self.refused: Counter[str] = Counter() if refused is None else refused
+        """Messages and instants that could not be used, by reason."""
+        self.restarts = 0
+        """Jumps back in time."""
+        self._report = report
+        self._jump = round(time_jump * 1e9)
+        self._states, self._effectors = tuple(states), tuple(effectors)
+        self.methods: Mapping[str, str] = _plan(inputs, self._states, self._effectors)
+        """How the derivative of each state comes about: see the module."""
+        streams = list(inputs.streams.values())
+        self._streams = streams
+        self._of_topic = {
+            topic.topic: [(i, s) for i, s in enumerate(streams) if s.source == alias]
+            for alias, topic in inputs.topics.items()
+        }
+        self._topic_inputs = {topic.topic: topic for topic in inputs.topics.values()}
+        delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
+        patience = inputs.maximum_age + max(delays) - min(delays)
+        self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
+        self._arm = _arm(inputs, self.methods)
+        lever = any(self._arm) and "angular_acceleration" not in inputs.streams
+        differentiated = lever or "differentiated" in self.methods.values()
+        columns = 2 * len(self._states) + len(self._effectors) + 3
+        self._filter = DerivativeFilter(inputs.intervals, columns, inputs.maximum_age) if differentiated else None
+        frames.to_body((0.0, 0.0, 0.0), frames.euler_angles((1.0, 0.0, 0.0, 0.0), "frd", "ned"))  # compiles now
+        self._restart()
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """Types by topic, as the mapping names them."""
+        return {topic.topic: topic.msgtype for topic in self.inputs.topics.values()}
+
+    def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:
+        """Take a message.
+
+        Parameters
+        ----------
+        topic
+            A key of `topics`; messages of others are ignored.
+        stamp_ns
+            When it arrived or was logged [ns]; used where the mapping says ``stamp=arrival``.
+        message
+            Any object with the fields that the mapping names.
+
+        Returns
+        -------
+        list of StateRow and EffectorRow
+            What became complete, in order of time: a state row and the effector row of the same stamp, and so on.
+
+        Raises
+        ------
+        EstimationError
+            If messages of this type do not have a field, or it is no number: names topic, type, path and fields.
+        """
+        source = self._topic_inputs.get(topic)
+        if source is None:
+            return []
+        try:
+            stamp = source.instant(stamp_ns, message)
+            self._check_stamp(topic, stamp)
+            for index, stream in self._of_topic[topic]:
+                self._take(index, stream, stamp, message)
+        except Refused as refused:
+            self._refuse(refused)
+            return []
+        except EstimationError as error:
+            text = f"topic {topic} ({source.msgtype}): {error}"
+            raise EstimationError(text) from None
+        if source is self.inputs.topics[self.inputs.clock]:
+            self._aligner.tick(stamp - source.delay)
+        return [row for t, values in self._aligner.ready() for row in self._rows(t, values)]
+
+    def check(self, topics: Mapping[str, str]) -> None:
+        """Compare with the topics that there are.
+
+        Parameters
+        ----------
+        topics
+            Types by topic, as of a bag.
+
+        Raises
+        ------
+        EstimationError
+            If a topic is missing or of another type.
+        """
+        for topic, msgtype in self.topics.items():
+            if topic not in topics:
+                message = f"no topic {topic} ({msgtype}); there are {listed(sorted(topics))}"
+                raise EstimationError(message)
+            if topics[topic] != msgtype:
+                message = f"topic {topic} has type {topics[topic]}; the inputs expect {msgtype}"
+                raise EstimationError(message)
+
+    def clear(self) -> None:
+        """Forget all messages; the counts stay."""
+        self._restart()
+
+    def _restart(self) -> None:
+        self._last: dict[str, int] = {}
+        self._continued: dict[str, float] = {}
+        self._aligner.clear()
+        if self._filter is not None:
+            self._filter.clear()
+
+    def _refuse(self, refused: Refused) -> None:
+        self.refused[refused.reason] += 1
+        self._report(refused)
+
+    def _check_stamp(self, topic: str, stamp: int) -> None:
+        last = self._last.get(topic)
+        if last is not None and stamp <= last:
+            if last - stamp <= self._jump:
+                word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
+                text = f"topic {topic}: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s)"
+                raise Refused(word, f"{text}; expected a later one")
+            self._restart()
+            self.restarts += 1
+        self._last[topic] = stamp
+
+    def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> None:
+        """Read a stream from a message; what cannot be used is refused, the other streams are not."""
+        try:
+            values = stream.read(message)
+            size = sum(v * v for v in values)
+            if not math.isfinite(size):
+                text = f"{stream.track.name} is {listed(map(str, values))}; expected finite numbers"
+                raise Refused("not_finite", text)
+            if stream.track.quaternion and not 0.25 < size < 4.0:
+                text = f"{stream.track.name} has a length of {math.sqrt(size):.3g}; expected 1, a rotation"
+                raise Refused("quaternion", text)
+        except Refused as refused:
+            self._refuse(refused)
+            return
+        name = stream.name.removeprefix("states.")
+        if name in _ANGLES:
+            values = (self._unwrapped(stream.name, values[0]),)
+        self._aligner.add(index, stamp - stream.delay, values)
+
+    def _unwrapped(self, key: str, angle: float) -> float:
+        self._continued[key] = angle = frames.continued(angle, self._continued.get(key, angle))
+        return angle
+
+    def _rows(self, t: int, values: Sequence[Values]) -> Iterator[Row]:
+        """Make the rows of an instant, or of the window that it completes."""
+        at = self._quantities(values)
+        n, m = len(self._states), len(self._effectors)
+        row = [at[name] for name in self._states] + [at[f"effectors.{name}"] for name in self._effectors]
+        row += self._known_derivatives(at) + [at.get(name, 0.0) for name in _RATES]
+        if self._filter is None:
+            smooth, slope = np.array(row), None
+            turning = [at.get(f"d{name}", 0.0) for name in _RATES]
+        else:
+            gaps = self._filter.gaps
+            filtered = self._filter.push(t, np.array(row))
+            if self._filter.gaps > gaps:
+                text = f"more than {self.inputs.maximum_age * 1e-9:g} s between samples before {t * 1e-9:.3f} s"
+                self._refuse(Refused("gap", f"{text}: the window of the derivatives starts anew"))
+            if filtered is None:
+                return
+            t, smooth, slope = filtered.stamp, filtered.smooth, filtered.slope
+            turning = slope[n + m + n :].tolist()
+        xdot = smooth[n + m : n + m + n].copy()
+        lever = frames.cross(turning, self._arm)
+        for i, name in enumerate(self._states):
+            method = self.methods[name]
+            if method == "differentiated" and slope is not None:
+                xdot[i] = slope[i]
+            elif method == "accelerometer":
+                xdot[i] -= lever[_VELOCITY.index(name)]
+        yield StateRow(t, self._states, smooth[:n], xdot)
+        yield EffectorRow(t, self._effectors, smooth[n : n + m])
+
+    def _quantities(self, values: Sequence[Values]) -> dict[str, float]:
+        """Return every number of an instant by name, vectors in our frames."""
+        at: dict[str, float] = {}
+        earth: tuple[Values, str] | None = None
+        for stream, found in zip(self._streams, values, strict=True):
+            if stream.name == "attitude":
+                phi, theta, psi = frames.euler_angles(found, stream.body, stream.earth)
+                at["Phi"], at["Theta"] = self._unwrapped("Phi", phi), theta
+                at["Psi"] = self._unwrapped("Psi", psi)
+            elif stream.earth:
+                earth = found, stream.earth
+            elif stream.name in VECTORS:
+                signs = frames.BODY[stream.body]
+                at.update((n, s * v) for n, s, v in zip(VECTORS[stream.name], signs, found, strict=True))
+            else:
+                at[stream.name.removeprefix("states.")] = found[0]
+        if earth is not None:
+            body = frames.to_body(frames.to_ned(*earth), (at["Phi"], at["Theta"], at["Psi"]))
+            at.update(zip(_VELOCITY, body, strict=True))
+        return at
+
+    def _known_derivatives(self, at: Mapping[str, float]) -> list[float]:
+        """Return the derivatives that need no differentiation, 0 for the others, in the order of the states."""
+        made: dict[str, float] = {}
+        kinds = self.methods.values()
+        if "accelerometer" in kinds or "kinematics" in kinds:
+            rates = (at["P"], at["Q"], at["R"])
+            attitude = (at["Phi"], at["Theta"])
+            made.update(zip(_ANGLES, frames.euler_rates(rates, attitude), strict=True))
+        if "accelerometer" in kinds:
+            turning = frames.centripetal(rates, self._arm)
+            fx, fy, fz = (at[name] - c for name, c in zip(VECTORS["specific_force"], turning, strict=True))
+            derivative = frames.velocity_derivative((fx, fy, fz), (at["u"], at["v"], at["w"]), rates, attitude)
+            made.update(zip(_VELOCITY, derivative, strict=True))
+        for name, method in self.methods.items():
+            if method == "measured":
+                made[name] = at[f"derivatives.{name}"] if f"derivatives.{name}" in at else at[f"d{name}"]
+        return [made[name] if self.methods[name] != "differentiated" else 0.0 for name in self._states]
+
+
+def _plan(inputs: InputMap, states: tuple[str, ...], effectors: tuple[str, ...]) -> dict[str, str]:
+    """Check that everything comes from one place; return the derivative's method per state."""
+    given = _given(inputs)
+    for name in [*states, *(f"effectors.{e}" for e in effectors)]:
+        if name not in given:
+            entry = name if name.startswith("effectors.") else f"states.{name}"
+            vector = next((f" or inputs.{v}" for v, names in VECTORS.items() if name in names), "")
+            message = f"'{name}' comes from nowhere: give inputs.{entry}{vector}"
+            raise EstimationError(message)
+    unused = [n for n in inputs.streams if n.startswith("effectors.") and n[10:] not in effectors]
+    unused += [n for n in inputs.streams if n.startswith("derivatives.") and n[12:] not in states]
+    if unused:
+        message = f"inputs.{unused[0]}: the identifier has no such name; states are {listed(states)}, "
+        raise EstimationError(message + f"effectors {listed(effectors)}")
+    kinematic = {*_RATES, "Phi", "Theta"} <= given.keys()
+    velocity = inputs.streams.get("velocity")
+    needs = {"specific_force": {*_RATES, *_VELOCITY, "Phi", "Theta"}}
+    if velocity is not None and velocity.earth:
+        needs["velocity"] = set(_ANGLES)
+    for name, needed in needs.items():
+        missing = sorted(needed - given.keys())
+        if name in inputs.streams and missing:
+            message = f"inputs.{name} cannot be used without {listed(missing)}: map them too, or leave it out"
+            raise EstimationError(message)
+    methods = {}
+    for name in states:
+        if f"derivatives.{name}" in given or f"d{name}" in given:
+            methods[name] = "measured"
+        elif name in _VELOCITY and "specific_force" in inputs.streams:
+            methods[name] = "accelerometer"
+        else:
+            methods[name] = "kinematics" if name in _ANGLES and kinematic else "differentiated"
+    return methods
+
+
+def _given(inputs: InputMap) -> dict[str, str]:
+    """Return what is mapped, by the name of the number, and the entry that maps it."""
+    given: dict[str, str] = {}
+    for name in inputs.streams:
+        for number in VECTORS.get(name, (name.removeprefix("states."),)):
+            if number in given:
+                message = f"'{number}' comes from both inputs.{given[number]} and inputs.{name}: leave one out"
+                raise EstimationError(message)
+            given[number] = name
+    return given
+
+
+def _arm(inputs: InputMap, methods: Mapping[str, str]) -> tuple[float, float, float]:
+    """Return where the accelerometer is from the centre of mass; refuse a place that nothing is measured at."""
+    if any(inputs.imu_position) and "accelerometer" not in methods.values():
+        message = "inputs.imu_position is given, but no derivative is made from inputs.specific_force"
+        raise EstimationError(message)
+    return inputs.imu_position
+
+
+def adapt(messages: Iterable[tuple[str, int, Any]], adapter: InputAdapter) -> Iterator[Row]:
+    """Yield the rows of messages, each (topic, stamp_ns, message)."""
+    for topic, stamp_ns, message in messages:
+        yield from adapter.push(topic, stamp_ns, message)

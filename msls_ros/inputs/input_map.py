@@ -1,0 +1,293 @@
+"""The section ``inputs`` of a parameter file: which fields of which messages are states, derivatives and deflections.
+
+Every entry is a ROS parameter of one line, words separated by spaces::
+
+    topics.ALIAS:     TOPIC TYPE [stamp=PATH|arrival] [unit=s|ms|us|ns] [delay=SECONDS]
+    everything else:  ALIAS PATH [scale=1] [zero=0] [offset=0] [frame=...] [hold=true] [age=SECONDS] [delay=SECONDS]
+
+A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. The true instant of a message is its
+stamp less its delay. See `field_paths` for PATH, and the shipped profiles for examples.
+"""
+
+from __future__ import annotations
+
+import math
+import operator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.inputs.alignment import Track, Values
+from msls_ros.inputs.field_paths import FieldPath, VectorPath, listed
+from msls_ros.inputs.frames import BODY, EARTH
+from msls_ros.inputs.synchronizer import Refused
+
+VECTORS: Mapping[str, tuple[str, ...]] = {
+    "velocity": ("u", "v", "w"),
+    "attitude": ("Phi", "Theta", "Psi"),
+    "angular_velocity": ("P", "Q", "R"),
+    "specific_force": ("fx", "fy", "fz"),
+    "angular_acceleration": ("dP", "dQ", "dR"),
+}
+"""Vectors that can be mapped, and what they give."""
+SCALARS = ("states", "derivatives", "effectors")
+UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
+
+
+@dataclass(frozen=True)
+class TopicInput:
+    """A topic that is listened to."""
+
+    topic: str
+    msgtype: str
+    stamp: FieldPath | None
+    """Path to the stamp; None: the time of arrival."""
+    unit: int
+    """Of a stamp that is a number [ns]."""
+    delay: int
+    """What is recorded was true so long before its stamp [ns]."""
+
+    def instant(self, arrival: int, message: Any) -> int:
+        """Return the stamp of a message [ns]; the delay is not yet taken off.
+
+        Raises
+        ------
+        EstimationError, Refused
+            If there is no stamp where it should be; if it is no number.
+        """
+        if self.stamp is None:
+            return arrival
+        found = self.stamp.read(message)
+        if hasattr(found, "nanosec"):
+            return int(found.sec) * 1_000_000_000 + int(found.nanosec)
+        try:
+            return operator.index(found) * self.unit
+        except TypeError:
+            pass
+        try:
+            return round(float(found) * self.unit)
+        except (TypeError, ValueError, OverflowError):
+            what = repr(found) if isinstance(found, (int, float)) else type(found).__name__
+            text = f"the path '{self.stamp.text}' leads to {what} in {self.msgtype}; expected a stamp"
+            raise (Refused("not_finite", text) if isinstance(found, float) else EstimationError(text)) from None
+
+
+@dataclass(frozen=True)
+class StreamInput:
+    """A number or vector that is read from the messages of one topic."""
+
+    name: str
+    """A key of `VECTORS`, or ``states.NAME``, ``derivatives.NAME``, ``effectors.NAME``."""
+    source: str
+    """Alias of the topic."""
+    path: VectorPath
+    scale: float
+    zero: float
+    offset: float
+    body: str
+    earth: str
+    """Frames; of a velocity only one is given, the other is empty."""
+    delay: int
+    """[ns]"""
+    track: Track
+
+    def read(self, message: Any) -> Values:
+        """Return the values of a message, scaled, in the frame that they come in.
+
+        Raises
+        ------
+        EstimationError, Refused
+            As `VectorPath.read`.
+        """
+        return tuple(self.scale * (raw - self.zero) + self.offset for raw in self.path.read(message))
+
+
+@dataclass(frozen=True)
+class InputMap:
+    """What is read where, and how it is brought together."""
+
+    topics: Mapping[str, TopicInput]
+    """By alias."""
+    streams: Mapping[str, StreamInput]
+    """By name."""
+    clock: str
+    """Alias of the topic whose stamps are the instants of the samples."""
+    maximum_age: int
+    """[ns]"""
+    intervals: int
+    """Of the derivative filter's window; used only where something is differentiated."""
+    imu_position: tuple[float, float, float]
+    """Of the accelerometer, from the centre of mass, FRD [m]."""
+
+    @classmethod
+    def from_parameters(cls, values: Mapping[str, Any]) -> InputMap:
+        """Build it from the section's entries, nested or with dotted names.
+
+        Raises
+        ------
+        EstimationError
+            For an entry that is unknown, malformed or missing; the sentence names it.
+        """
+        flat = dict(_flatten(values))
+        plain = {name: flat.pop(name, default) for name, default in PLAIN.items()}
+        age = round(1e9 * _number("maximum_age", plain["maximum_age"], 1e-6, 10.0))
+        intervals = plain["intervals"]
+        if type(intervals) is not int or not 1 <= intervals <= 1000:
+            message = f"inputs.intervals is {intervals!r}; it must be a whole number from 1 to 1000"
+            raise EstimationError(message)
+        topics = {n[7:]: _parse(f"inputs.{n}", v, _topic) for n, v in flat.items() if n.startswith("topics.")}
+        streams = {}
+        for name, value in flat.items():
+            if not name.startswith("topics."):
+                streams[name] = _parse(f"inputs.{name}", value, partial(_stream, name, topics, age))
+        if plain["clock"] not in topics:
+            message = f"inputs.clock is '{plain['clock']}'; it must be one of the topics, {listed(topics)}"
+            raise EstimationError(message)
+        names = [t.topic for t in topics.values()]
+        if len(set(names)) != len(names):
+            message = f"inputs.topics: {listed(names)}: each topic can have one alias only"
+            raise EstimationError(message)
+        return cls(topics, streams, plain["clock"], age, intervals, _position(plain["imu_position"]))
+
+
+PLAIN: Mapping[str, Any] = {"clock": "", "maximum_age": 0.1, "intervals": 4, "imu_position": (0.0, 0.0, 0.0)}
+"""Entries that are no lines of words, with their defaults."""
+
+
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flatten(value, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", value
+
+
+def _parse(name: str, value: Any, make: Callable[[_Words], Any]) -> Any:
+    """Make what a line of words says; put the entry's name before any complaint."""
+    try:
+        if not isinstance(value, str):
+            message = f"it is {value!r}; it must be a line of words in quotes"
+            raise EstimationError(message)
+        words = _Words(value)
+        made = make(words)
+        words.check_empty()
+    except EstimationError as error:
+        message = f"parameter '{name}': {error}"
+        raise EstimationError(message) from None
+    return made
+
+
+class _Words:
+    """A line taken apart: the words first, then key=value in any order."""
+
+    def __init__(self, line: str) -> None:
+        split = line.split()
+        self.first = [word for word in split[:2]]
+        if len(self.first) < 2:
+            message = f"it is '{line}'; it must begin with two words"
+            raise EstimationError(message)
+        self._options: dict[str, str] = {}
+        for word in split[2:]:
+            key, equals, value = word.partition("=")
+            if not equals or not value or key in self._options:
+                message = f"'{word}' is not KEY=VALUE, or is given twice"
+                raise EstimationError(message)
+            self._options[key] = value
+        self._known: list[str] = []
+
+    def take(self, key: str, default: str) -> str:
+        self._known.append(key)
+        return self._options.pop(key, default)
+
+    def number(self, key: str, default: float, low: float = -math.inf, high: float = math.inf) -> float:
+        return _number(key, self.take(key, repr(default)), low, high)
+
+    def choice(self, key: str, default: str, choices: Sequence[str]) -> str:
+        found = self.take(key, default)
+        if found not in choices:
+            message = f"{key} is '{found}'; it must be one of {', '.join(choices)}"
+            raise EstimationError(message)
+        return found
+
+    def check_empty(self) -> None:
+        if self._options:
+            message = f"'{min(self._options)}' does not exist here; there are {', '.join(self._known)}"
+            raise EstimationError(message)
+
+
+def _number(name: str, value: Any, low: float, high: float) -> float:
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(value, bool) or not (math.isfinite(number) and low <= number <= high):
+        limits = f" from {low:g} to {high:g}" if math.isfinite(high) else ""
+        message = f"{name} is {value!r}; it must be a number{limits}"
+        raise EstimationError(message)
+    return number
+
+
+def _position(value: Any) -> tuple[float, float, float]:
+    if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3:
+        message = f"inputs.imu_position is {value!r}; it must be 3 numbers: forward, right, down"
+        raise EstimationError(message)
+    x, y, z = (_number("inputs.imu_position", v, -1e3, 1e3) for v in value)
+    return x, y, z
+
+
+def _topic(words: _Words) -> TopicInput:
+    topic, msgtype = words.first
+    parts = msgtype.split("/")
+    if len(parts) not in (2, 3) or not all(parts):
+        message = f"'{msgtype}' is not a type; expected PACKAGE/msg/NAME"
+        raise EstimationError(message)
+    stamp = words.take("stamp", "header.stamp")
+    return TopicInput(
+        topic,
+        f"{parts[0]}/msg/{parts[-1]}",
+        None if stamp == "arrival" else FieldPath(stamp),
+        UNITS[words.choice("unit", "s", tuple(UNITS))],
+        round(1e9 * words.number("delay", 0.0, -10.0, 10.0)),
+    )
+
+
+def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words) -> StreamInput:
+    group, _, rest = name.partition(".")
+    if not (name in VECTORS or (group in SCALARS and rest)):
+        message = (
+            f"it does not exist; there are {', '.join((*PLAIN, 'topics.ALIAS', *VECTORS))}, {', '.join(SCALARS)}.NAME"
+        )
+        raise EstimationError(message)
+    source, path = words.first
+    if source not in topics:
+        message = f"'{source}' is not a topic; inputs.topics has {listed(topics)}"
+        raise EstimationError(message)
+    size = 1 if group in SCALARS else 4 if name == "attitude" else 3
+    body, earth = _frames(name, words)
+    own_age = round(1e9 * words.number("age", age * 1e-9, 1e-6, 3600.0))
+    held = words.choice("hold", "false", ("true", "false")) == "true"
+    return StreamInput(
+        name,
+        source,
+        VectorPath(path, size),
+        *((words.number("scale", 1.0), words.number("zero", 0.0), words.number("offset", 0.0))),
+        body,
+        earth,
+        round(1e9 * words.number("delay", topics[source].delay * 1e-9, -10.0, 10.0)),
+        Track(f"{name} ({topics[source].topic} {path})", held, own_age, size == 4),
+    )
+
+
+def _frames(name: str, words: _Words) -> tuple[str, str]:
+    """Return body and earth frame of a vector."""
+    if name == "attitude":
+        both = {f"{b}/{e}": (b, e) for b in BODY for e in EARTH}
+        return both[words.choice("frame", "frd/ned", tuple(both))]
+    if name == "velocity":
+        frame = words.choice("frame", "frd", (*BODY, *EARTH))
+        return ("", frame) if frame in EARTH else (frame, "")
+    if name in VECTORS:
+        return words.choice("frame", "frd", tuple(BODY)), ""
+    return "", ""

@@ -1,0 +1,193 @@
+"""Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual.
+
+``python -m msls_ros.inputs.profiles`` writes the F-16 profiles again, after a parameter was added or described anew.
+"""
+
+from __future__ import annotations
+
+import os
+import textwrap
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from msls_ros.estimation import Configuration, EstimationError, from_mapping
+from msls_ros.estimation.configuration import items
+from msls_ros.estimation.sections import Bounds
+from msls_ros.inputs import InputMap
+
+WIDTH = 116
+OTHER = ("autostart", "publish_every", "use_sim_time", "inputs")
+"""Entries of a parameter file that are not of the `Configuration`."""
+
+
+def config_folder() -> Path:
+    """Return the folder of the shipped parameter files, in the source tree or where the package is installed."""
+    here = Path(__file__).resolve().parents[2] / "config"
+    candidates = [
+        here,
+        *(Path(p) / "share/msls_ros/config" for p in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if p),
+    ]
+    for candidate in candidates:
+        if candidate.is_dir() and any(candidate.glob("*.yaml")):
+            return candidate
+    message = f"the shipped parameter files are nowhere: looked in {', '.join(map(str, candidates))}"
+    raise EstimationError(message)
+
+
+def read_profile(name: str | os.PathLike[str]) -> Configuration:
+    """Read the identifier's parameters from a parameter file.
+
+    Parameters
+    ----------
+    name
+        A shipped profile's name (``f16_high_alpha``) or the path of a YAML file of ROS parameters.
+
+    Raises
+    ------
+    EstimationError
+        For a file that is missing or wrong; the sentence names the file.
+    """
+    path, section = _load(name)
+    try:
+        return from_mapping({k: v for k, v in section.items() if k not in OTHER})
+    except EstimationError as error:
+        message = f"parameter file '{path}': {error}"
+        raise EstimationError(message) from error
+
+
+def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
+    """Read the section ``inputs`` of a parameter file: where other message types have states and deflections.
+
+    Parameters
+    ----------
+    name
+        As `read_profile` takes it.
+
+    Returns
+    -------
+    InputMap or None
+        None where the file has no such section: the inputs are ``msls_msgs`` on the topics of the identifier.
+
+    Raises
+    ------
+    EstimationError
+        As `read_profile`.
+    """
+    path, section = _load(name)
+    entries = section.get("inputs")
+    if entries is None:
+        return None
+    try:
+        if not isinstance(entries, Mapping):
+            message = f"'inputs' is {entries!r}; it must be a section of its own"
+            raise EstimationError(message)
+        return InputMap.from_parameters(entries)
+    except EstimationError as error:
+        message = f"parameter file '{path}': {error}"
+        raise EstimationError(message) from error
+
+
+def profile_path(name: str | os.PathLike[str]) -> Path:
+    """Return the path of a parameter file.
+
+    Parameters
+    ----------
+    name
+        As `read_profile` takes it.
+
+    Raises
+    ------
+    EstimationError
+        For a name that is not shipped.
+    """
+    path = Path(name)
+    if path.suffix in (".yaml", ".yml"):
+        return path
+    folder = config_folder()
+    shipped = {p.stem: p for p in sorted([*folder.glob("*.yaml"), *folder.glob("inputs/*.yaml")])}
+    if str(name) not in shipped:
+        message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
+        raise EstimationError(message)
+    return shipped[str(name)]
+
+
+def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
+    """Find a parameter file and return the identifier's section of it."""
+    path = profile_path(name)
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        message = f"parameter file '{path}' cannot be read: {error.strerror}"
+        raise EstimationError(message) from error
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
+        raise EstimationError(message) from error
+    if isinstance(content, Mapping):
+        for node in ("identifier", "/identifier", "/**"):
+            section = content.get(node)
+            if isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping):
+                return path, section["ros__parameters"]
+    message = f"parameter file '{path}': has no section 'identifier: ros__parameters:'"
+    raise EstimationError(message)
+
+
+def render_profile(configuration: Configuration, title: str) -> str:
+    """Write a configuration as a parameter file with every parameter's meaning, unit and range: the manual.
+
+    Parameters
+    ----------
+    configuration
+        What to write.
+    title
+        First lines of the file, without ``#``.
+    """
+    lines = [f"# {line}".rstrip() for line in title.strip().splitlines()]
+    lines += ["", "identifier:", "  ros__parameters:"]
+    section = ""
+    for name, value, bounds in items(configuration):
+        head, _, leaf = name.rpartition(".")
+        indent = "      " if head else "    "
+        if head != section:
+            section = head
+            lines += ["", f"    {head}:"]
+        lines += textwrap.wrap(
+            _about(bounds, value), WIDTH, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   "
+        )
+        lines.append(f"{indent}{leaf}: {_yaml(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _about(bounds: Bounds, value: Any) -> str:
+    text = bounds.description
+    number = isinstance(value, (int, float)) and not isinstance(value, bool)
+    if number or (isinstance(value, tuple) and not any(isinstance(v, str) for v in value)):
+        text += f" [{bounds.unit}], {bounds.low:g} to {bounds.high:g}"
+    return text if bounds.in_flight else f"{text} (fixed at the start)"
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    if isinstance(value, str):
+        return value if value not in ("1", "off", "on", "yes", "no") else f'"{value}"'
+    if isinstance(value, float):
+        text = repr(value)
+        return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return repr(value)
+
+
+def refresh() -> None:
+    """Write every shipped profile again: its values and title as they are, the manual as it is now."""
+    for path in sorted(config_folder().glob("*.yaml")):
+        head = path.read_text(encoding="utf-8").split("\n\nidentifier:")[0]
+        title = "\n".join(line[2:] for line in head.splitlines())
+        path.write_text(render_profile(read_profile(path), title), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    refresh()

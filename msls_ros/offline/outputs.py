@@ -1,0 +1,139 @@
+"""From samples to a bag: the node's identifier, and the messages it would have published, serialised by the block."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msls_ros import records
+from msls_ros.bags import BagWriter, MessageTemplate
+from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
+from msls_ros.inputs.block_pairing import PairedBlock
+
+DITHER, FAULT, MODEL = "msls_msgs/msg/DitherCommand", "msls_msgs/msg/FaultEvent", "msls_msgs/msg/LinearModel"
+OUTPUTS = {"dither": DITHER, "fault": FAULT, "model": MODEL}
+Stamps = NDArray[np.int64]
+Block = tuple[str, Stamps, NDArray[np.uint8]]
+
+
+class IdentifierOutput:
+    """Identifies from samples and writes what comes of it.
+
+    Parameters
+    ----------
+    writer
+        The bag.
+    prefix
+        What stands before the names of the topics, as before those of the inputs.
+    configuration
+        Of the identifier.
+    every
+        Samples per model.
+    """
+
+    def __init__(self, writer: BagWriter, prefix: str, configuration: Configuration, every: int) -> None:
+        """Announce the topics; see the class."""
+        self._writer, self._every = writer, every
+        self._identifier = Identifier(configuration)
+        n, m = len(configuration.states), len(configuration.effectors)
+        self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))  # compiles
+        self._identifier.reset()
+        self._effectors = list(configuration.effectors)
+        self._topic = {leaf: prefix + leaf for leaf in OUTPUTS}
+        for leaf, msgtype in OUTPUTS.items():
+            writer.add_topic(self._topic[leaf], msgtype)
+        self._dither_templates: dict[str, MessageTemplate] = {}
+        self._model_template: MessageTemplate | None = None
+        self.samples = self.models = 0
+        self.negative = 0
+        """Messages that no bag can hold: their stamps are before 0."""
+        self.events: list[tuple[int, FaultEvent]] = []
+        """Stamps [ns] and events."""
+        self.span: tuple[int, int] | None = None
+        """Stamps of the first and the last sample [ns]."""
+
+    def take(self, segment: PairedBlock) -> None:
+        """Identify from a segment; write its dithers, events and models in the order of their stamps.
+
+        Raises
+        ------
+        BagError
+            If the bag cannot be written.
+        """
+        if segment.restarted:
+            self._identifier.reset()
+        stamps = segment.stamps
+        time = np.multiply(stamps, 1e-9, dtype=np.float64)
+        run = self._identifier.run(time, segment.x, segment.xdot, segment.delta, self._every)
+        blocks = list(self._dithers(stamps, _joined(run.dithers)))
+        events = [event for estimate in run.estimates for event in estimate.events]
+        blocks += [self._fault(_stamp_at(stamps, time, event.time), event) for event in events]
+        models = [estimate for estimate in run.estimates if estimate.samples % self._every == 0]
+        if models:
+            blocks.append(self._models(np.array([_stamp_at(stamps, time, m.time) for m in models]), models))
+        self._write(blocks)
+        self.samples += len(stamps)
+        self.models += len(models)
+        self.span = (self.span[0] if self.span else int(stamps[0]), int(stamps[-1]))
+
+    def _dithers(self, stamps: Stamps, block: DitherBlock) -> Iterator[Block]:
+        """Serialise dithers; those of one reason are one block."""
+        for code in np.unique(block.reason):
+            which = np.flatnonzero(block.reason == code)
+            first = block.at(int(which[0]))
+            template = self._dither_templates.get(first.reason)
+            if template is None:
+                template = _template(DITHER, records.dither_fields(self._effectors, first))
+                self._dither_templates[first.reason] = template
+            rows = _stamped(template, stamps[which])
+            for name in records.DITHER_NUMBERS:
+                rows[name] = getattr(block, name)[which]
+            yield self._topic["dither"], stamps[which], template.cdr(rows)
+
+    def _fault(self, stamp: int, event: FaultEvent) -> Block:
+        self.events.append((stamp, event))
+        stamps = np.array([stamp], dtype=np.int64)
+        template = _template(FAULT, records.fault_fields(event))
+        return self._topic["fault"], stamps, template.cdr(_stamped(template, stamps))
+
+    def _models(self, stamps: Stamps, models: list[Estimate]) -> Block:
+        template = self._model_template
+        if template is None:
+            template = self._model_template = _template(MODEL, records.model_fields(models[0]))
+        rows = _stamped(template, stamps)
+        for name in records.MODEL_NUMBERS:
+            rows[name] = np.array([getattr(m, name) for m in models]).reshape(rows[name].shape)
+        return self._topic["model"], stamps, template.cdr(rows)
+
+    def _write(self, blocks: list[Block]) -> None:
+        kept = []
+        for topic, stamps, rows in blocks:
+            good = stamps >= 0
+            self.negative += len(stamps) - int(np.count_nonzero(good))
+            kept.append((topic, stamps, rows) if good.all() else (topic, stamps[good], rows[good]))
+        self._writer.write_blocks(kept)
+
+
+def _template(msgtype: str, fields: records.Fields) -> MessageTemplate:
+    flat = {name: value.ravel() if isinstance(value, np.ndarray) else value for name, value in fields.items()}
+    return MessageTemplate(msgtype, {"header": records.header_fields(0), **flat})
+
+
+def _stamped(template: MessageTemplate, stamps: Stamps) -> NDArray[Any]:
+    rows = template.rows(len(stamps))
+    rows["header.stamp.sec"], rows["header.stamp.nanosec"] = np.divmod(stamps, 1_000_000_000)
+    return rows
+
+
+def _joined(blocks: list[DitherBlock]) -> DitherBlock:
+    if len(blocks) == 1:
+        return blocks[0]
+    return DitherBlock(*(np.concatenate(column) for column in zip(*blocks, strict=True)))
+
+
+def _stamp_at(stamps: Stamps, time: NDArray[np.float64], instant: float) -> int:
+    """Return the stamp of the sample with that time."""
+    return int(stamps[np.searchsorted(time, instant)])

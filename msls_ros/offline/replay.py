@@ -1,0 +1,271 @@
+"""Identify from a bag: the same gate and the same identifier as in flight, fed from a file.
+
+`replay` streams a bag of any length into a new one; `load`, `paired` and `identify` hold a short flight in memory.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from msls_ros import bags
+from msls_ros.bags import BagError, BagMessage, BagReader, BagWriter
+from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
+from msls_ros.inputs import InputAdapter, InputMap, Synchronizer
+from msls_ros.inputs.profiles import render_profile
+from msls_ros.offline.outputs import OUTPUTS, IdentifierOutput
+from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_topics, ordered_batches
+
+Array = NDArray[np.float64]
+PARAMETERS = "identifier.yaml"
+"""The identifier's parameters, kept in the bag's folder."""
+
+
+def keep_parameters(bag: Path, configuration: Configuration, file: Path | None = None) -> None:
+    """Write the parameters of the identifier into a bag's folder, for `replay`; those of a file as it is."""
+    if file is None:
+        text = render_profile(configuration, "The identifier's parameters in this flight.")
+    else:
+        text = file.read_text(encoding="utf-8")
+    (bag / PARAMETERS).write_text(text, encoding="utf-8")
+
+
+def kept_parameters(bag: Path) -> Path:
+    """Return the parameter file in a bag's folder.
+
+    Raises
+    ------
+    BagError
+        If there is none, or no bag.
+    """
+    path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
+    if not path.is_file():
+        BagReader(bag)
+        message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
+        raise BagError(message)
+    return path
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What a replayed bag gave."""
+
+    samples: int
+    models: int
+    events: list[tuple[int, FaultEvent]]
+    """Stamps [ns] and events."""
+    refused: dict[str, int]
+    """Messages refused, by reason."""
+    restarts: int
+    """Jumps back in time."""
+    span: tuple[int, int] | None
+    """Stamps of the first and the last sample [ns]."""
+    wall_time: float
+    """[s]"""
+    warnings: list[str]
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """How to replay."""
+
+    every: int = 1
+    """Samples per model."""
+    merge: bool = False
+    """Write the input beside the output; topics of the identifier in it are replaced."""
+    namespace: str | None = None
+    """The aircraft, where a bag has several."""
+    definitions: Sequence[Path] = ()
+    """Folders of message definitions that the bag does not hold."""
+    overwrite: bool = False
+    """Replace a bag in the place of the output."""
+    inputs: InputMap | None = None
+    """Where messages of other types have states and deflections; None: `msls_msgs` on the identifier's topics."""
+    parameters: Path | None = None
+    """Where configuration and inputs come from, to be kept with the output; None: the configuration is written."""
+
+
+def replay(
+    bag: Path,
+    out: Path,
+    configuration: Configuration,
+    options: ReplayOptions = ReplayOptions(),
+    progress: Callable[[float, int], None] = lambda share, samples: None,
+) -> Replay:
+    """Identify from a bag and write what the node would have published as a new bag.
+
+    Parameters
+    ----------
+    bag, out
+        What to read, and the folder to write.
+    configuration
+        Of the identifier.
+    options
+        See `ReplayOptions`.
+    progress
+        Called with the share of the bag that is done (0 to 1), and the samples.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be used at all, or the new one not be written.
+    EstimationError
+        If the inputs do not give the states and deflections of the configuration.
+    """
+    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    reader, source, prefix = _open(bag, configuration, options, gate)
+    with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
+        keep_parameters(out, configuration, options.parameters)
+        output = IdentifierOutput(writer, prefix, configuration, options.every)
+        start = time.perf_counter()
+        beside = _Beside(reader, writer, prefix) if options.merge else None
+        for batch in ordered_batches(reader, source.topics, source.longest_run):
+            if beside is not None:
+                beside.take(batch)
+            for segment in source.segments(batch):
+                output.take(segment)
+            progress(reader.progress, output.samples)
+        for segment in source.rest():
+            output.take(segment)
+    warnings = list(reader.warnings) + (beside.warnings if beside else [])
+    if output.negative:
+        warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
+    if not output.samples and not warnings:
+        warnings.append(f"{bag}: not one sample; {' and '.join(source.topics)} have no stamp in common that is usable")
+    wall_time = time.perf_counter() - start
+    return Replay(
+        output.samples,
+        output.models,
+        output.events,
+        dict(gate.refused),
+        gate.restarts,
+        output.span,
+        wall_time,
+        warnings,
+    )
+
+
+def _open(
+    bag: Path, configuration: Configuration, options: ReplayOptions, gate: Synchronizer
+) -> tuple[BagReader, Source, str]:
+    """Return the bag's reader, the source of samples in it, and the prefix of the topics."""
+    looked = BagReader(bag, definition_paths=options.definitions)
+    if options.inputs is None:
+        topics = find_topics(bag, looked.topics, options.namespace)
+        source: Source = SampleSource(topics, gate)
+        prefix = topics.prefix
+    else:
+        adapter = InputAdapter(
+            options.inputs,
+            configuration.states,
+            configuration.effectors,
+            time_jump=configuration.time_jump,
+            refused=gate.refused,
+        )
+        try:
+            source = MappedSource(looked, adapter, gate)
+        except EstimationError as error:
+            message = f"{bag}: {error}"
+            raise BagError(message) from error
+        prefix = "/"
+    if options.merge:
+        return looked, source, prefix
+    return looked.only(source.topics), source, prefix
+
+
+class _Beside:
+    """Copies the input into the output bag, but the topics that the output replaces."""
+
+    def __init__(self, reader: BagReader, writer: BagWriter, prefix: str) -> None:
+        self._reader, self._writer = reader, writer
+        self._known: dict[str, bool] = {prefix + leaf: False for leaf in OUTPUTS}
+        self.warnings: list[str] = []
+
+    def take(self, batch: Sequence[BagMessage]) -> None:
+        for message in batch:
+            known = self._known.get(message.topic)
+            if known is None:
+                known = self._known[message.topic] = self._announce(message.topic)
+            if known:
+                self._writer.write(*message)
+
+    def _announce(self, topic: str) -> bool:
+        try:
+            definition = self._reader.definition(topic)
+        except BagError as error:
+            self.warnings.append(f"{error} (--definitions); the topic is not merged")
+            return False
+        self._writer.add_topic(topic, definition.msgtype, qos=self._reader.qos(topic), definition=definition)
+        return True
+
+
+@dataclass
+class Samples:
+    """Paired samples as arrays; n samples."""
+
+    time: Array
+    x: Array
+    xdot: Array
+    delta: Array
+
+
+@dataclass
+class Flight:
+    """A recorded flight, decoded: messages by topic, each with its stamp [ns]."""
+
+    messages: dict[str, list[tuple[int, Any]]] = field(default_factory=dict)
+    warnings: list[str] = field(default_factory=list)
+
+    def topic(self, name: str) -> list[tuple[int, Any]]:
+        """Return the messages of a topic, also under a namespace; none: an empty list."""
+        for topic, found in self.messages.items():
+            if topic == f"/{name}" or (topic.endswith(f"/{name}") and f"/truth/{name}" not in topic):
+                return found
+        return []
+
+
+def load(bag: str | Path) -> Flight:
+    """Read a bag into memory.
+
+    Raises
+    ------
+    BagError
+        If it cannot be read.
+    """
+    flight = Flight()
+    reader = bags.read(bag)
+    for message, decoded in reader.decoded():
+        flight.messages.setdefault(message.topic, []).append((message.stamp_ns, decoded))
+    flight.warnings = list(reader.warnings)
+    return flight
+
+
+def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Synchronizer]:
+    """Put a bag's states and deflections through the gate; return the samples, and the gate with its counts.
+
+    Raises
+    ------
+    BagError
+        If the bag cannot be used at all, or holds not one sample.
+    """
+    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    reader, source, _ = _open(Path(bag), configuration, ReplayOptions(), gate)
+    blocks = [b for batch in ordered_batches(reader, source.topics, source.longest_run) for b in source.segments(batch)]
+    blocks += source.rest()
+    if not blocks:
+        message = f"{bag}: not one sample"
+        raise BagError(message)
+    x, xdot, delta = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("x", "xdot", "delta"))
+    stamps = np.concatenate([block.stamps for block in blocks])
+    return Samples(np.multiply(stamps, 1e-9, dtype=np.float64), x, xdot, delta), gate
+
+
+def identify(samples: Samples, configuration: Configuration) -> list[Estimate]:
+    """Return the estimate after every sample."""
+    return Identifier(configuration).run(samples.time, samples.x, samples.xdot, samples.delta).estimates

@@ -1,0 +1,266 @@
+"""For your own pytest: nodes on a bench, in one process and one executor, over real DDS in a domain of their own.
+
+Start the identifier node, feed it samples, wait for what it says::
+
+    from msls_ros.testing import Bench
+
+    def test_my_aircraft() -> None:
+        with Bench() as bench:
+            identifier = bench.identifier("f16_high_alpha")
+            identifier.feed(time, x, xdot, delta)
+            model = identifier.await_models(len(time))[-1]
+            assert not identifier.events
+
+Nothing sleeps: what is waited for is awaited with a time-out (`PATIENCE`), and the executor spins meanwhile. Any other
+node of yours goes on the same bench with `Bench.add`. See ``docs/pytest.md``.
+"""
+
+from __future__ import annotations
+
+import itertools
+import os
+import time
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Any, TypeVar
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from msls_msgs.msg import DitherCommand, FaultEvent, LinearModel
+from numpy.typing import ArrayLike
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+
+from msls_ros import messages
+from msls_ros.estimation import Configuration
+from msls_ros.estimation.configuration import as_mapping
+from msls_ros.inputs.profiles import read_profile
+from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.quality import INPUT
+
+__all__ = ["PATIENCE", "Bench", "IdentifierBench"]
+
+PATIENCE = 120.0
+"""Wall clock after which what was waited for will not come [s]."""
+IN_FLIGHT = 50
+"""Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
+SomeNode = TypeVar("SomeNode", bound=Node)
+_numbers = itertools.count()
+
+
+def next_domain() -> int:
+    """Return a DDS domain that no other bench of this process has, and hardly one of another process."""
+    return 1 + (37 * os.getpid() + next(_numbers)) % 100
+
+
+class Bench:
+    """Nodes in one executor and one context, with a probe that publishes, listens and calls.
+
+    A context manager; everything is destroyed at its end. DDS stays on this machine.
+
+    Attributes
+    ----------
+    domain
+        The DDS domain.
+    context, executor
+        Of all nodes; spin the executor through `spin_until`.
+    nodes
+        What is on the bench, the probe first.
+    """
+
+    def __init__(self) -> None:
+        """Make the context and the probe; see the class."""
+        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        self.domain = next_domain()
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=self.domain)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Node] = []
+        self.heard: dict[str, list[Any]] = {}
+        self._publishers: dict[str, Publisher] = {}
+        self.probe = self.adopt(Node("probe", context=self.context))
+
+    def __enter__(self) -> Bench:
+        """Return itself."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Destroy all nodes."""
+        self.close()
+
+    def adopt(self, node: SomeNode) -> SomeNode:
+        """Put a node on the bench; it must have been made in the bench's context."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def add(self, kind: type[SomeNode], **parameters: Any) -> SomeNode:
+        """Make a node and put it on the bench.
+
+        Parameters
+        ----------
+        kind
+            Its class; called with ``context`` and ``parameter_overrides``.
+        **parameters
+            By name; dots are written as two underscores.
+        """
+        given = [Parameter(name.replace("__", "."), value=value) for name, value in parameters.items()]
+        make: Any = kind
+        node: SomeNode = make(context=self.context, parameter_overrides=given)
+        return self.adopt(node)
+
+    def identifier(
+        self, profile: str | os.PathLike[str] | Configuration = "f16_high_alpha", **parameters: Any
+    ) -> IdentifierBench:
+        """Start an identifier node and listen to all that it publishes.
+
+        Parameters
+        ----------
+        profile
+            A configuration, a shipped profile's name or the path of a parameter file.
+        **parameters
+            Other than the profile has them; dots are written as two underscores.
+
+        Raises
+        ------
+        EstimationError
+            For a profile that is missing or wrong.
+        """
+        return IdentifierBench(self, profile, parameters)
+
+    def remove(self, node: Node) -> None:
+        """Take a node off the bench and destroy it."""
+        self.nodes.remove(node)
+        self.executor.remove_node(node)
+        node.destroy_node()
+
+    def spin_until(self, condition: Callable[[], object], what: str = "the condition") -> None:
+        """Spin until a condition holds.
+
+        Raises
+        ------
+        AssertionError
+            If it does not within `PATIENCE`; it names ``what``.
+        """
+        deadline = time.monotonic() + PATIENCE
+        while not condition():
+            if time.monotonic() >= deadline:
+                message = f"{what} did not come within {PATIENCE:g} s"
+                raise AssertionError(message)
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def expect(self, heard: list[Any], count: int, what: str = "messages") -> None:
+        """Spin until as many messages have been heard."""
+        self.spin_until(lambda: len(heard) >= count, what)
+
+    def listen(self, kind: type[Any], topic: str) -> list[Any]:
+        """Return the list that the topic's messages will be in."""
+        heard = self.heard.setdefault(topic, [])
+        self.probe.create_subscription(kind, topic, heard.append, INPUT)
+        self.spin_until(lambda: self.probe.count_publishers(topic) > 0, f"a publisher of {topic}")
+        return heard
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Publish from the probe, once somebody listens."""
+        publisher = self._publishers.get(topic)
+        if publisher is None:
+            publisher = self._publishers[topic] = self.probe.create_publisher(type(message), topic, INPUT)
+            made = publisher
+            self.spin_until(lambda: made.get_subscription_count() > 0, f"a subscription of {topic}")
+        publisher.publish(message)
+
+    def call(self, kind: type[Any], service: str, **request: Any) -> Any:
+        """Call a service and return its answer."""
+        client = self.probe.create_client(kind, service)
+        self.spin_until(client.service_is_ready, service)
+        future = client.call_async(kind.Request(**request))
+        self.spin_until(future.done, f"the answer of {service}")
+        self.probe.destroy_client(client)
+        return future.result()
+
+    def diagnostics(self, node: str) -> Callable[[], dict[str, str]]:
+        """Listen to /diagnostics; what is returned gives the newest values of a node."""
+        heard: list[DiagnosticArray] = []
+        self.probe.create_subscription(DiagnosticArray, "/diagnostics", heard.append, 10)
+
+        def newest() -> dict[str, str]:
+            found = [s for array in heard for s in array.status if s.name.startswith(f"/{node}:")]
+            return {v.key: v.value for v in found[-1].values} | {"status": found[-1].message} if found else {}
+
+        return newest
+
+    def close(self) -> None:
+        """Destroy all nodes and the context."""
+        for node in self.nodes:
+            node.destroy_node()
+        self.executor.shutdown()
+        self.context.shutdown()
+
+
+class IdentifierBench:
+    """An identifier node on a bench: feed it samples, await its models, events and dithers.
+
+    Attributes
+    ----------
+    configuration
+        Of the profile, before other parameters.
+    node
+        The identifier.
+    models, events, dithers
+        What it has published, oldest first; they grow while the bench spins.
+    """
+
+    def __init__(
+        self, bench: Bench, profile: str | os.PathLike[str] | Configuration, parameters: dict[str, Any]
+    ) -> None:
+        """Start the node; see `Bench.identifier`."""
+        self.configuration = profile if isinstance(profile, Configuration) else read_profile(profile)
+        given = {name: list(v) if isinstance(v, tuple) else v for name, v in as_mapping(self.configuration).items()}
+        given |= {name.replace("__", "."): value for name, value in parameters.items()}
+        self.bench = bench
+        self.node = bench.add(IdentifierNode, **{k: v for k, v in given.items() if v != []})
+        self.models: list[LinearModel] = bench.listen(LinearModel, "model")
+        self.events: list[FaultEvent] = bench.listen(FaultEvent, "fault")
+        self.dithers: list[DitherCommand] = bench.listen(DitherCommand, "dither")
+
+    def feed(
+        self, time: Sequence[float] | ArrayLike, x: ArrayLike, xdot: ArrayLike, delta: ArrayLike, first: int = 1
+    ) -> None:
+        """Publish samples and wait until each has been answered by a dither.
+
+        Parameters
+        ----------
+        time
+            (n,) [s].
+        x, xdot
+            (n, states) in the profile's order; SI units and radians.
+        delta
+            (n, effectors) measured deflections [rad].
+        first
+            Stamp that time 0 has [s]; stamps of 0 are refused.
+        """
+        configuration = self.configuration
+        answered = len(self.dithers)
+        rows = zip(*(np.asarray(v, np.float64) for v in (time, x, xdot, delta)), strict=True)
+        for number, (t, *row) in enumerate(rows, 1):
+            stamp = round((first + t) * 1e9)
+            self.bench.publish("state", messages.state_message(stamp, configuration.states, row[0], row[1]))
+            self.bench.publish("effectors", messages.effector_message(stamp, configuration.effectors, row[2]))
+            self.bench.expect(self.dithers, answered + number - IN_FLIGHT, "the dithers that answer the samples")
+        self.bench.expect(self.dithers, answered + len(np.asarray(time)), "the dithers that answer the samples")
+
+    def await_models(self, count: int) -> list[LinearModel]:
+        """Wait until ``count`` models have come in all, and return them."""
+        self.bench.expect(self.models, count, f"{count} models")
+        return self.models
+
+    def await_events(self, count: int) -> list[FaultEvent]:
+        """Wait until ``count`` fault events have come in all, and return them."""
+        self.bench.expect(self.events, count, f"{count} fault events")
+        return self.events

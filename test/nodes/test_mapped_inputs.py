@@ -1,0 +1,135 @@
+"""The identifier node takes other stacks' messages by the same profile and to the same bits as from a bag."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from inputs import mapped_messages as made
+from inputs.mapped_messages import rigid_flight
+from msls_msgs.msg import LinearModel
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu, JointState
+
+from msls_ros.estimation import EstimationError, Identifier
+from msls_ros.inputs import InputAdapter, Synchronizer
+from msls_ros.inputs.profiles import config_folder, read_inputs, read_profile
+from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.inputs import declare_inputs, subscribe
+from msls_ros.nodes.parameters import NodeError
+from msls_ros.plant import STATES
+from msls_ros.testing import Bench
+
+PROFILE = "odometry_jointstate"
+FILE = str(config_folder() / "inputs" / f"{PROFILE}.yaml")
+TYPES: dict[str, Any] = {made.ODOMETRY: Odometry, made.IMU: Imu, made.JOINTS: JointState}
+
+
+def fill(message: Any, fields: dict[str, Any]) -> Any:
+    for name, value in fields.items():
+        if isinstance(value, dict):
+            fill(getattr(message, name), value)
+        else:
+            setattr(message, name, value.tolist() if isinstance(value, np.ndarray) else value)
+    return message
+
+
+def flight_messages(count: int) -> list[tuple[str, Any]]:
+    flight = replace(rigid_flight(count / made.RATE), effectors=("elevator", "aileron", "rudder"))
+    return [(topic, fill(TYPES[kind](), fields)) for _, topic, kind, fields in made.standard(flight)]
+
+
+def offline(messages: list[tuple[str, Any]]) -> list[tuple[int, bytes, bytes]]:
+    configuration, inputs = read_profile(PROFILE).replace({"time_jump": 0.2}), read_inputs(PROFILE)
+    assert inputs is not None
+    gate = Synchronizer(configuration.states, configuration.effectors, 0.2)
+    adapter = InputAdapter(inputs, configuration.states, configuration.effectors, time_jump=0.2)
+    identifier, found = Identifier(configuration), []
+    for topic, message in messages:
+        for row in adapter.push(topic, 0, message):
+            s = row.offer(gate)
+            if s is not None:
+                if s.restarted:
+                    identifier.reset()
+                e = identifier.update(s.time, s.x, s.xdot, s.delta)
+                found.append((s.stamp, e.a.tobytes(), e.b.tobytes()))
+    return found
+
+
+def decoded(models: list[LinearModel]) -> list[tuple[int, bytes, bytes]]:
+    return [(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, m.a.tobytes(), m.b.tobytes()) for m in models]
+
+
+def make(bench: Bench, *, file: str = FILE, **overrides: Any) -> IdentifierNode:
+    given = [Parameter(name.replace("__", "."), value=value) for name, value in overrides.items()]
+    arguments = ["--ros-args", "--params-file", file]
+    return bench.adopt(IdentifierNode(context=bench.context, cli_args=arguments, parameter_overrides=given))
+
+
+def count_messages(node: IdentifierNode) -> list[str]:
+    """Return the list that the topic of each message that the node takes will be in."""
+    adapter, taken = node._adapter, list[str]()
+    assert adapter is not None
+    push = adapter.push
+
+    def counted(topic: str, stamp_ns: int, message: Any) -> Any:
+        taken.append(topic)
+        return push(topic, stamp_ns, message)
+
+    adapter.push = counted  # type: ignore[method-assign]
+    return taken
+
+
+def test_live_and_offline_by_one_profile_are_equal_to_the_last_bit_also_played_twice(bench: Bench) -> None:
+    messages = flight_messages(50) * 2
+    node = make(bench, time_jump=0.2)
+    models = bench.listen(LinearModel, "model")
+    expected = offline(messages)
+    assert len(expected) == 2 * 45
+    taken = count_messages(node)
+    for number, (topic, message) in enumerate(messages, 1):
+        bench.publish(topic, message)
+        bench.expect(taken, number)
+    bench.expect(models, len(expected), "models")
+    assert decoded(models) == expected
+    assert decoded(models)[:45] == decoded(models)[45:]
+
+
+@pytest.mark.parametrize("profile", ["odometry_jointstate", "mavros_fixed_wing", "px4_odometry"])
+def test_ros_reads_the_same_from_a_profile_as_the_offline_tools(bench: Bench, profile: str) -> None:
+    arguments = ["--ros-args", "--params-file", str(config_folder() / "inputs" / f"{profile}.yaml")]
+    node = bench.adopt(Node("identifier", context=bench.context, cli_args=arguments))
+    live, file = declare_inputs(node), read_inputs(profile)
+    assert live is not None and file is not None
+    assert (
+        InputAdapter(live, STATES, ("de", "da", "dr")).topics == InputAdapter(file, STATES, ("de", "da", "dr")).topics
+    )
+    for one, other in ((live, file), (file, live)):
+        for name, stream in one.streams.items():
+            twin = other.streams[name]
+            assert (stream.path.text, stream.scale, stream.track) == (twin.path.text, twin.scale, twin.track)
+    assert (live.clock, live.maximum_age, live.intervals) == (file.clock, file.maximum_age, file.intervals)
+    assert live.imu_position == file.imu_position
+
+
+def test_a_field_that_does_not_exist_is_counted_and_the_node_lives(bench: Bench) -> None:
+    node = make(bench, inputs__effectors__de="joints position[names=elevator]")
+    for topic, message in flight_messages(4):
+        bench.publish(topic, message)
+    bench.spin_until(lambda: node.synchronizer.refused["field"] >= 2, "the refusal")
+
+
+def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) -> None:
+    with pytest.raises(EstimationError, match=r"inputs.states.s.*'c' is not a topic"):
+        make(bench, inputs__states__s="c s")
+    with pytest.raises(NodeError, match="could not be configured"):
+        make(bench, effectors=["de", "da", "dr", "flap"])
+
+
+def test_a_type_that_is_not_installed_is_named(bench: Bench) -> None:
+    with pytest.raises(NodeError, match="the type px4_msgs/msg/VehicleOdometry is not installed"):
+        subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, lambda topic, message: None)
