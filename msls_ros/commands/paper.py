@@ -56,22 +56,28 @@ def _seeds(text: str) -> int:
     return value
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line; exits with 2 and one line where it is wrong."""
-    parser = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    result = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
+    result.add_argument(
         "--seeds",
         type=_seeds,
         default=100,
         metavar="N",
         help="random numbers 0 to N-1 of the linear experiments; half as many flights, 3 or more (default: 100)",
     )
-    parser.add_argument(
+    result.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="FOLDER", help="for the figures (default: out/paper)"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else on stdout")
-    parser.add_argument("--no-figures", action="store_true", help="draw and write nothing")
-    options = parser.parse_args(arguments)
+    result.add_argument("--json", action="store_true", help="print one JSON object and nothing else on stdout")
+    result.add_argument("--no-figures", action="store_true", help="draw and write nothing")
+    return result
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Read the command line; exits with 2 and one line where it is wrong."""
+    line = parser()
+    options = line.parse_args(arguments)
     if not options.no_figures:
         try:
             options.out.mkdir(parents=True, exist_ok=True)
@@ -79,7 +85,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             probe.touch()
             probe.unlink()
         except OSError as error:
-            parser.error(f"--out '{options.out}' cannot be written: {error.strerror}")
+            line.error(f"--out '{options.out}' cannot be written: {error.strerror}")
     return options
 
 
