@@ -56,8 +56,17 @@ Generated from the code; a test holds the two equal. SI units and radians, body 
 [Executables](#executables) · [Nodes](#nodes) · [Messages](#messages) · [Services](#services) · [Files](#files)
 """
 EXIT_CODES = """\
-`./msls NAME ARGUMENTS`, or with ROS 2 installed `ros2 run msls_ros NAME ARGUMENTS`. Exit code 0; 2 for wrong usage or bad
-input, with one line on stderr; 130 after Ctrl-C. With `--json`, stdout holds one JSON value and nothing else."""
+`./msls NAME ARGUMENTS`, or with ROS 2 installed `ros2 run msls_ros NAME ARGUMENTS`. Exit code 0; 2 for wrong usage or
+bad input, with one line on stderr; 130 after Ctrl-C. With `--json`, stdout holds one JSON value and nothing else."""
+
+NODE_ARGUMENTS = """\
+Node executables take ROS arguments (`--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO`); `--help` lists the
+parameters. Identifier, plant and pilot also publish `/diagnostics`. Set at *start*: the parameter is fixed when the
+node starts; *flight*: it may change while the node runs.
+"""
+MAPPED = """
+A managed (lifecycle) node. With parameters `inputs.*` it subscribes to topics of any type instead of `state` and
+`effectors`: [own stack](own_stack.md)."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -81,9 +90,7 @@ def reference() -> str:
         f"{EXIT_CODES}\n",
         *(_tool(name, make()) for name, make in TOOLS.items()),
         "## Nodes\n",
-        "Node executables take ROS arguments (`--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO`); `--help` lists the\n"
-        "parameters. Every node also publishes `/diagnostics`. *Start*: the parameter is fixed when the node starts;\n"
-        "*flight*: it may change while the node runs.\n",
+        NODE_ARGUMENTS,
         *_nodes(),
         "## Messages\n",
         *_interfaces("msg"),
@@ -148,11 +155,7 @@ def _nodes() -> Iterator[str]:
             if services:
                 lines += ["", *_table(["service", "type"], services)]
             if name == "identifier":
-                lines += [
-                    "",
-                    "A managed (lifecycle) node. With parameters `inputs.*` it subscribes to topics of any type instead of\n"
-                    "`state` and `effectors`: [own stack](own_stack.md).",
-                ]
+                lines.append(MAPPED)
             yield "\n".join([*lines, "", *_parameters(table), ""])
 
 
@@ -173,7 +176,7 @@ def _quiet_context() -> Iterator[Context]:
 
 
 def _topics(node: Node) -> list[list[str]]:
-    ends = [("in", s.topic_name, s.msg_type) for s in node.subscriptions]
+    ends: list[tuple[str, str, Any]] = [("in", s.topic_name, s.msg_type) for s in node.subscriptions]
     ends += [("out", p.topic_name, p.msg_type) for p in node.publishers]
     own = [(way, topic, kind) for way, topic, kind in ends if not topic.startswith(OF_EVERY_NODE)]
     return [
@@ -205,9 +208,7 @@ def _parameters(table: Table) -> list[str]:
         shown = str(value).lower() if isinstance(value, bool) else ", ".join(value) if _words(value) else str(value)
         unit = "" if bounds.unit == "1" or isinstance(value, (bool, str)) or _words(value) else bounds.unit
         limits = constraint(bounds, default)
-        rows.append(
-            [f"`{name}`", shown, unit, limits, "flight" if bounds.in_flight else "start", bounds.description]
-        )
+        rows.append([f"`{name}`", shown, unit, limits, "flight" if bounds.in_flight else "start", bounds.description])
     return _table(["parameter", "default", "unit", "range", "set at", "meaning"], rows)
 
 
@@ -232,7 +233,9 @@ def _files() -> Iterator[str]:
         lines = path.read_text(encoding="utf-8").splitlines()
         comment = " ".join(line.removeprefix("# ") for line in lines[: lines.index("")] if line.startswith("# "))
         rows.append([f"[{path.stem}](../{path.relative_to(ROOT)})", re.split(r"(?<=[a-z)]{2}[.:]) ", comment)[0]])
-    yield "\n".join(["Parameter files, for the identifier and `replay --params`:\n", *_table(["name", "content"], rows)])
+    yield "\n".join(
+        ["Parameter files, for the identifier and `replay --params`:\n", *_table(["name", "content"], rows)]
+    )
 
 
 def _table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> list[str]:

@@ -1,0 +1,39 @@
+"""Damage the simulated aircraft in flight and print what the identifier publishes about it for ten seconds."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+import rclpy
+from msls_msgs.msg import FaultEvent
+from msls_msgs.srv import InjectFault
+
+
+def main() -> int:
+    """Return 0 if the fault was taken and detected."""
+    rclpy.init()
+    node = rclpy.create_node("inject_fault")
+    kinds: list[int] = []
+
+    def show(event: FaultEvent) -> None:
+        kinds.append(event.kind)
+        print(f"{event.header.stamp.sec + 1e-9 * event.header.stamp.nanosec:8.3f} s  {event.description}", flush=True)
+
+    node.create_subscription(FaultEvent, "fault", show, 10)
+    client = node.create_client(InjectFault, "plant/inject_fault")
+    if not client.wait_for_service(timeout_sec=20.0):
+        print("no service plant/inject_fault: is the plant running?", file=sys.stderr)
+        return 1
+    future = client.call_async(InjectFault.Request(effector="left_stabilator", effectiveness=0.0))
+    rclpy.spin_until_future_complete(node, future)
+    print(future.result().message, flush=True)
+    end = time.monotonic() + 10.0
+    while time.monotonic() < end:
+        rclpy.spin_once(node, timeout_sec=0.1)
+    rclpy.shutdown()
+    return 0 if FaultEvent.DETECTED in kinds else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
