@@ -55,18 +55,20 @@ RUN_BY = {
     "./msls replay bags/tail_fault": BAG,
     "./msls report out/replay/tail_fault": BAG,
     "./msls recorder --repair out/replay/tail_fault": BAG,
-    "./msls replay bags/*/ --jobs 2 --every 10": "test/fleet/test_fleet.py::test_replay_of_many_bags_gives_the_same_with_two_jobs",
+    "./msls replay bags/*/ --jobs 2 --every 10": "test/fleet/test_fleet.py"
+    "::test_replay_of_many_bags_gives_the_same_with_two_jobs",
     "./msls python docs/examples/identify_arrays.py": f"{HERE}::test_the_example_with_arrays_finds_b",
     "./msls pilot": LIVE,
     "./msls plant --ros-args -p mode:=real_time -p duration:=60.0": LIVE,
     "./msls identifier --ros-args --params-file config/f16_high_alpha.yaml -p use_sim_time:=true": LIVE,
     "./msls python docs/examples/inject_fault.py": LIVE,
-    "./msls campaign roll_doublet_tail_fault docs/examples/my_flight.yaml --seeds 20 --noise none,low --jobs 2": CAMPAIGN
-    + "::test_two_jobs_give_the_same_table_as_one",
-    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare lambda=0.9,0.96 --compare penalty=3e-4,1e-3": CAMPAIGN
-    + "::test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda",
-    "./msls paper": "test/paper/test_command.py"
-    "::test_json_is_one_object_with_the_table_the_claims_and_the_figures",
+    "./msls campaign roll_doublet_tail_fault docs/examples/my_flight.yaml --seeds 20 --noise none,low --jobs 2": (
+        f"{CAMPAIGN}::test_two_jobs_give_the_same_table_as_one"
+    ),
+    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare lambda=0.9,0.96 --compare penalty=3e-4,1e-3": (
+        f"{CAMPAIGN}::test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda"
+    ),
+    "./msls paper": "test/paper/test_command.py::test_json_is_one_object_with_the_table_the_claims_and_the_figures",
     "./msls benchmark kernel": f"{BENCHMARK}::test_kernel_prints_one_json_value_with_every_contender",
     "./msls benchmark stress": f"{BENCHMARK}::test_both_tables_name_what_is_missing",
     "./msls benchmark replay": "test/offline/test_blocks.py::test_the_benchmark_gives_both_rates_and_their_ratio",
@@ -113,9 +115,15 @@ def environment(**more: str) -> dict[str, str]:
 def process(command: str, **more: str) -> subprocess.Popen[str]:
     """Start a command as ./msls does, once it has set up."""
     _, name, *rest = shlex.split(command)
-    tool = [] if name == "python" else ["-c", f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"]
-    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-    return subprocess.Popen([sys.executable, *tool, *rest], cwd=ROOT, env=environment(**more), text=True, **pipes)
+    code = f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"
+    return subprocess.Popen(
+        [sys.executable, *([] if name == "python" else ["-c", code]), *rest],
+        cwd=ROOT,
+        env=environment(**more),
+        text=True,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
 
 
 def test_the_readme_fits_on_a_page() -> None:
@@ -166,7 +174,9 @@ def test_every_command_is_run_by_a_test_or_says_why_not(block: Block) -> None:
         if words[0] == "./msls" and words[1] in reference.TOOLS:
             reference.TOOLS[words[1]]().parse_args(words[2:])
         if not block.not_run:
-            assert command in RUN_BY, f"{command}: name the test that runs it in RUN_BY, or say why not before the block"
+            assert command in RUN_BY, (
+                f"{command}: name the test that runs it in RUN_BY, or say why not before the block"
+            )
 
 
 def test_every_command_is_in_a_block_of_its_language() -> None:
@@ -188,7 +198,9 @@ def test_what_is_said_to_run_a_command_exists_and_is_asked_for() -> None:
 def test_the_reference_is_what_the_code_gives(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     found = (DOCS / "reference.md").read_text(encoding="utf-8")
-    assert found == reference.reference(), "write it again: ./msls python -m msls_ros.commands.reference docs/reference.md"
+    assert found == reference.reference(), (
+        "write it again: ./msls python -m msls_ros.commands.reference docs/reference.md"
+    )
 
 
 def test_the_yaml_of_the_examples_is_accepted() -> None:

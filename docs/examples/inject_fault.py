@@ -1,4 +1,4 @@
-"""Damage the simulated aircraft after four seconds of flight; print the fault events of the next four."""
+"""Damage the simulated aircraft after four seconds of flight; print the fault events of the next two."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import rclpy
 from msls_msgs.msg import FaultEvent, StateSample
 from msls_msgs.srv import InjectFault
 
-FAULT, END = 4, 8  # [s] of flight
+FAULT, END = 4, 6  # [s] of flight
 
 
 def main() -> int:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from msls_ros.testing import Bench
 
+Array = NDArray[np.float64]
 PROFILE = Path(__file__).with_name("my_aircraft.yaml")
 A = np.array([[-2.0, 0.8], [-0.4, -0.9]])  # rows and columns P, R [1/s]
 B = np.array([[12.0, 1.5], [-0.6, -5.0]])  # columns da, dr [1/s^2]
@@ -18,7 +19,7 @@ DT = 0.02
 LOSS = 4.0  # [s]
 
 
-def fly(left: float) -> tuple[NDArray[np.float64], ...]:
+def fly(left: float) -> tuple[Array, Array, Array, Array]:
     """Return time, x, xdot and delta of a flight; from `LOSS` on, ``left`` of the aileron's effect remains."""
     random = np.random.default_rng(0)
     time = np.arange(0.0, 8.0, DT)
