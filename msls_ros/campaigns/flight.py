@@ -75,7 +75,7 @@ SHORT = {
     "estimator.penalty": "penalty",
     "detector.threshold": "T",
 }
-"""Short names of parameters, for people."""
+"""Short names of parameters, for command lines and tables."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What a campaign found: each cell's flights in numbers, medians with ranges, and as tables for people."""
+"""What a campaign found: each cell's flights in numbers, medians with ranges, and as tables."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ Column = tuple[str, Callable[[dict[str, Any]], str]]
 
 
 def render(cells: Sequence[Cell], summaries: Sequence[dict[str, Any]]) -> str:
-    """Write the cells for people: three tables, each by scenario."""
+    """Write the cells as three tables, each by scenario."""
     found = list(zip(cells, summaries, strict=True))
     tables = [
         "\n".join([title, *_table(found, columns)])

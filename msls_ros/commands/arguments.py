@@ -27,9 +27,7 @@ def seed(text: str) -> int:
 def add_fleet(parser: argparse.ArgumentParser) -> None:
     """Add `--jobs` and `--scheduler`, of which one at most may be given; see `msls_ros.fleet.run`."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="so many at a time, each in a process (default: 1)"
-    )
+    group.add_argument("--jobs", type=count, default=1, metavar="N", help="number of parallel processes (default: 1)")
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",

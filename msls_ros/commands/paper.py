@@ -100,7 +100,7 @@ def row_of(one: Statistic) -> dict[str, Any]:
 
 
 def render_table(table: list[Statistic]) -> str:
-    """Write the acceptance table for people."""
+    """Write the acceptance table as text."""
     head = "medians over the seeds where nothing else is said"
     width = max(len(text) for text in [head, *(one.statistic for one in table)])
     lines = [f"{head:{width}}  {'measured':>10}  {'low':>10}  {'high':>10}"]
@@ -112,7 +112,7 @@ def render_table(table: list[Statistic]) -> str:
 
 
 def render_claims(claims: list[Claim]) -> str:
-    """Write the claims for people."""
+    """Write the claims as text."""
     lines = []
     for one in claims:
         lines += textwrap.wrap(f"{one.verdict:10}  {one.claim} [{one.where}]", WIDTH, subsequent_indent=" " * 12)
@@ -121,7 +121,7 @@ def render_claims(claims: list[Claim]) -> str:
 
 
 def render_findings(findings: list[Finding]) -> str:
-    """Write the answers to the questions for people."""
+    """Write the answers to the questions as text."""
     lines = []
     for question, group in groupby(findings, key=lambda one: one.question):
         lines.append(question)

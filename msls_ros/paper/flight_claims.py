@@ -291,7 +291,7 @@ def _claims_on_dither(flights: Flights) -> list[Claim]:
 
 
 def render_rows(rows: list[Row]) -> str:
-    """Write the rows for people: medians, ranges in brackets, and which is better."""
+    """Write the rows as text: medians, ranges in brackets, and which is better."""
     lines: list[str] = []
     for condition, group in groupby(rows, key=lambda one: one.condition):
         found = list(group)
