@@ -34,6 +34,8 @@ DOCS = ROOT / "docs"
 EXAMPLES = DOCS / "examples"
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted(DOCS.glob("*.md"))]
 README_LINES = 130
+PLAIN = ("commands", "report", "offline", "paper", "campaigns")
+"""Rooms whose words people read."""
 PENDING = {DOCS / "own_aircraft.md"}
 """Pages that are linked to and written elsewhere."""
 
@@ -148,6 +150,15 @@ def anchors(page: Path) -> set[str]:
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.S)
     heads = [re.sub(r"[`*]|\]\([^)]*\)|\[", "", head).strip().lower() for head in re.findall(r"(?m)^#+ (.*)$", text)]
     return {re.sub(r"[^\w\- ]", "", head).replace(" ", "-") for head in heads}
+
+
+def test_documents_help_and_page_speak_plainly() -> None:
+    rooms = [path for room in PLAIN for path in sorted((ROOT / "msls_ros" / room).rglob("*.py"))]
+    for path in [*PAGES, *rooms, *sorted((ROOT / "msg_defs").rglob("*.msg"))]:
+        found = re.search(
+            r"(?i)\b(stray\w*|wander\w*|bend(s|ing)|bent|strangers?|tower|told|tells|every day)\b", path.read_text()
+        )
+        assert found is None, f"{path.name}: '{found[0]}'"
 
 
 def test_every_page_is_in_the_index() -> None:
