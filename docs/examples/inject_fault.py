@@ -29,7 +29,7 @@ def main() -> int:
 
     node.create_subscription(StateSample, "state", note, 10)
     client = node.create_client(InjectFault, "plant/inject_fault")
-    if not client.wait_for_service(timeout_sec=20.0):
+    if not client.wait_for_service(timeout_sec=60.0):
         print("no service plant/inject_fault: is the plant running?", file=sys.stderr)
         return 1
     while flown[0] < FAULT:
