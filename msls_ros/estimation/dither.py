@@ -25,6 +25,7 @@ from msls_ros.estimation.dither_limits import (
     ACHIEVED,
     CAP,
     CORNER,
+    LONGEST,
     RATE,
     SEQUENCE,
     WEIGHT,
@@ -292,14 +293,16 @@ def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: 
 def modelled_square(law: Law, x: Effectors, b: Array, ahead: bool, scratch: Array) -> float:
     """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
 
-    Now, or ``ahead`` by an interval in which the last commands are held.
+    Now, or ``ahead`` by the longest interval of late, in which the last commands are held.
     """
     axial = lateral = normal = 0.0
     for j in range(x.surface.shape[0]):
         felt(b, law.rows, law.station, j, scratch)
         surface = x.surface[j]
         if ahead:
-            surface += (1.0 - x.pole[j, 1]) * (x.command[j] - surface)
+            corner = x.limits[j, CORNER]
+            pole = exponential(-corner * x.clock[LONGEST]) if corner > 0.0 else 0.0
+            surface += (1.0 - pole) * (x.command[j] - surface)
         axial += scratch[0] * surface
         lateral += scratch[1] * surface
         normal += scratch[2] * surface
@@ -433,8 +436,8 @@ def hold_back(
     law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
 ) -> None:
     """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window."""
-    next_share = unit * modelled_square(law, x, b, True, scratch) * dt
-    left = left_of_window(x, dt)
+    next_share = unit * modelled_square(law, x, b, True, scratch) * x.clock[LONGEST]
+    left = left_of_window(x, x.clock[LONGEST])
     if next_share <= left:
         return
     factor = math.sqrt(left / next_share)

@@ -64,12 +64,15 @@ class Effectors(NamedTuple):
     wanted: Array
     """(m,) rms wanted at the surface now [rad]."""
     clock: Array
-    """(6,) time of the last sample, end of the boost, boost left [s]; interval [ns]; slot of the window; last share."""
+    """(7,) time of the last sample, end of the boost, boost left [s]; interval [ns]; slot of the window; last share;
+    longest interval of late [s]."""
     window: Array
     """(BUCKETS,) acceleration squared over its limit squared, times time [s]."""
 
 
-LAST, BOOST_END, BOOST_LEFT, INTERVAL, SLOT, SHARE = range(6)
+LAST, BOOST_END, BOOST_LEFT, INTERVAL, SLOT, SHARE, LONGEST = range(7)
+FADING = 0.99
+"""Per sample, of the longest interval: after a hundred samples it is that of the samples since."""
 
 
 def make_effectors(limits: Array, boost: float) -> Effectors:
@@ -86,7 +89,7 @@ def make_effectors(limits: Array, boost: float) -> Effectors:
         reached=np.zeros((m, 2)),
         relief=relief,
         wanted=np.zeros(m),
-        clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0]),
+        clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0, 0.0]),
         window=np.zeros(BUCKETS),
     )
 
@@ -110,6 +113,7 @@ def elapse(x: Effectors, time: float, nominal: float, stale_after: float) -> flo
     dt = nominal if first else time - x.clock[LAST]
     x.clock[LAST] = time
     held = min(dt, stale_after)
+    x.clock[LONGEST] = max(held, FADING * x.clock[LONGEST])
     nanoseconds = math.floor(held * 1e9 + 0.5)
     fresh = nanoseconds != x.clock[INTERVAL]
     x.clock[INTERVAL] = nanoseconds
