@@ -28,6 +28,7 @@ from msls_ros.estimation.dither_limits import (
     LONGEST,
     RATE,
     SEQUENCE,
+    SHARE,
     WEIGHT,
     Effectors,
     boost,
@@ -50,6 +51,8 @@ SLOWEST = 0.1
 """An effector that is known to `dither.target_error` keeps at least this part of its share."""
 RELIEF = 1.0
 """Time constant with which the share of a known effector goes down [s]."""
+LARGEST_EFFECT = 1e12
+"""A B-hat that holds more than this is not used: no sample has numbers of that size."""
 LARGE = 1e200
 """More than any effect squared; keeps what is unknown and gets nothing finite."""
 START = 0.1
@@ -141,6 +144,8 @@ class Law(NamedTuple):
     """Relative error to which an effector need be known; 0: as well as the limit allows [1]."""
     worst_case: bool
     information: bool
+    rest: float
+    """Square of an acceleration, integrated while the slowest actuator comes to rest, over the square at once [s]."""
     activity_nominal: float
     activity_boosted: float
     """Largest rms rate of a surface by the dither; 0: not limited [rad/s]."""
@@ -321,7 +326,7 @@ def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Arr
     finite = True
     for j in range(m):
         for q in range(b.shape[0]):
-            if not math.isfinite(b[q, j]):
+            if not abs(b[q, j]) < LARGEST_EFFECT:
                 finite = False
         felt(b, law.rows, law.station, j, scratch)
         known = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
@@ -435,12 +440,18 @@ def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
 def hold_back(
     law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
 ) -> None:
-    """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window."""
-    next_share = unit * modelled_square(law, x, b, True, scratch) * x.clock[LONGEST]
-    left = left_of_window(x, x.clock[LONGEST])
-    if next_share <= left:
+    """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window.
+
+    The square of the acceleration over that interval counts as the mean of now and then, and what comes after it as
+    that of surfaces that come to rest.
+    """
+    then = unit * modelled_square(law, x, b, True, scratch)
+    half = 0.5 * x.clock[LONGEST]
+    left = left_of_window(x, x.clock[LONGEST] + 2.0 * law.rest)
+    allowed = (left - half * x.clock[SHARE]) / (half + law.rest)
+    if then <= allowed:
         return
-    factor = math.sqrt(left / next_share)
+    factor = math.sqrt(max(allowed, 0.0) / then)
     for j in range(out.shape[0]):
         out[j] = move(x, j, factor * out[j], delta[j], dt)
 
@@ -510,6 +521,7 @@ class DitherLaw:
             target_error=p.target_error,
             worst_case=p.acceleration == "worst_case",
             information=p.allocation == "information",
+            rest=0.5 / min(p.actuator_bandwidth) if p.actuator_bandwidth else 0.0,
             activity_nominal=p.activity_nominal,
             activity_boosted=p.activity_boosted,
             station=np.array([p.pilot_forward, p.pilot_above, p.pilot_right]),
