@@ -174,7 +174,7 @@ class IdentifierNode(LifecycleNode):
         n, m = len(configuration.states), len(configuration.effectors)
         self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
         self._identifier.reset()
-        self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+        self._synchronizer = Synchronizer.of(configuration)
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = self._make_adapter(configuration)
         simulated = self.get_parameter("use_sim_time").value
