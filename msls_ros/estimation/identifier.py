@@ -231,6 +231,11 @@ class Identifier:
         """Whether there are events that no estimate has told yet."""
         return bool(self._events)
 
+    @property
+    def last_dither(self) -> Dither:
+        """The dither that answers the last sample."""
+        return self._dither
+
     def take_events(self) -> tuple[FaultEvent, ...]:
         """Return the events since the last call; no estimate tells them again."""
         events, self._events = tuple(self._events), []

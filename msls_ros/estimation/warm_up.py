@@ -7,6 +7,7 @@ either estimator, and after it nothing is left to compile for any other aircraft
 
 from __future__ import annotations
 
+import functools
 import time
 
 import numpy as np
@@ -20,13 +21,14 @@ CHANGE = 120
 """Sample at which the aircraft is damaged."""
 
 
+@functools.cache
 def warm_up() -> float:
-    """Compile what is not compiled yet.
+    """Compile what is not compiled yet, once per process.
 
     Returns
     -------
     float
-        How long it took [s]; a second time, or with kernels from the cache, next to nothing.
+        How long it took, then [s].
     """
     start = time.perf_counter()
     for method in ("msls", "rls"):

@@ -1,0 +1,3 @@
+"""x"""
+PARAMETERS = {}
+class MixerNode: ...
