@@ -53,7 +53,7 @@ class Configuration:
     )
     pairing_tolerance: float = parameter(
         0.0,
-        "largest difference between the stamps of a state and its deflections, less than half a sample period; 0: equal",
+        "largest difference between the stamps of a pair, less than half a sample period; 0: equal stamps",
         unit="s",
         low=0.0,
         in_flight=False,
@@ -76,7 +76,9 @@ class Configuration:
         _check_length("detector.floor_absolute", self.detector.floor_absolute, len(self.rows), "identified equation")
         _check_length("estimator.penalty_factors", self.estimator.penalty_factors, len(self.regressors), "regressor")
         if self.pairing_tolerance * self.sample_rate >= 0.5:
-            message = f"parameter 'pairing_tolerance' is {self.pairing_tolerance:g}; it must be less than half a sample "
+            message = (
+                f"parameter 'pairing_tolerance' is {self.pairing_tolerance:g}; it must be less than half a sample "
+            )
             message += f"period, {0.5 / self.sample_rate:g} s"
             raise EstimationError(message)
         if bool(self.dither.position_low) != bool(self.dither.position_high):

@@ -1,12 +1,12 @@
-"""The mixer between a flight-control stack and the actuators: the stack's command, with dither added while that is safe.
+"""The mixer between flight-control stack and actuators: the stack's command, with dither added while that is safe.
 
 For every effector, with command c, dither d, and the output y' of the command before::
 
     y = clip(c + scale d,  min(c, max(low, y' - rate dt)),  max(c, min(high, y' + rate dt)))
 
 so the dither never takes an actuator past its position limits nor moves it faster than its rate limit, unless the
-stack's own command does; and then never further. Whenever the dither is not valid the output is the stack's command, bit
-for bit:
+stack's own command does; and then never further. Whenever the dither is not valid the output is the stack's command,
+bit for bit:
 
 ==========================  ==================================================================
 master switch off           `Mixer.enabled` is False

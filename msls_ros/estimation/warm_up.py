@@ -15,6 +15,7 @@ import numpy as np
 from msls_ros.estimation.compiled import KERNELS
 from msls_ros.estimation.configuration import Configuration, from_mapping
 from msls_ros.estimation.identifier import Identifier
+from msls_ros.estimation.kernel import Array
 
 SAMPLES = 260
 CHANGE = 120
@@ -58,14 +59,14 @@ def _fly(configuration: Configuration) -> None:
     """Fly straight with random deflections, lose an effector, and meet gusts at the end."""
     random = np.random.Generator(np.random.PCG64(0))
     n, m, step = len(configuration.states), len(configuration.effectors), 1.0 / configuration.sample_rate
-    delta = random.standard_normal((SAMPLES, m)) * 0.1
-    x = random.standard_normal((SAMPLES, n)) * 0.1 + np.array([100.0, 1.0, 0.0, 0.0, 0.1])
+    delta: Array = random.standard_normal((SAMPLES, m)) * 0.1
+    x: Array = random.standard_normal((SAMPLES, n)) * 0.1 + np.array([100.0, 1.0, 0.0, 0.0, 0.1])
     x[-60:, 1] += np.cumsum(random.standard_normal(60))
     b = np.zeros((n, m))
     b[:3] = [[1.0, 0.2], [-5.0, 0.5], [-3.0, 1.0]]
-    xdot = -0.5 * x + delta @ b.T + random.standard_normal((SAMPLES, n)) * 1e-3
+    xdot = np.asarray(-0.5 * x + delta @ b.T + random.standard_normal((SAMPLES, n)) * 1e-3, np.float64)
     xdot[CHANGE:] = (-0.5 * x + delta @ (b * [0.1, 1.0]).T)[CHANGE:]
-    t = np.arange(SAMPLES) * step
+    t: Array = np.arange(SAMPLES) * step
     identifier = Identifier(configuration)
     for k in range(SAMPLES):
         identifier.update(float(t[k]), x[k], xdot[k], delta[k])

@@ -15,8 +15,8 @@ WINDOW = 2_000_000_000
 class Freshness:
     """The age of samples by their own stamps.
 
-    Against the clock where that is comparable: where a sample has come within `NEAR` of its stamp since the start. Stamps
-    of another epoch (time since boot, a bag that is played without its clock) are compared with the newest stamp.
+    Against the clock where that is comparable: where a sample has come within `NEAR` of its stamp since the start.
+    Stamps of another epoch (time since boot, a bag played without its clock) are compared with the newest stamp.
     """
 
     def __init__(self) -> None:

@@ -81,9 +81,9 @@ def read_model(path: Path) -> SavedModel:
     """
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
-        names = (tuple(map(str, content[key])) for key in ("states", "effectors", "regressors"))
-        arrays = (np.array(content[key], dtype=np.float64) for key in ("a", "b", "bias", "covariance"))
-        return SavedModel(*names, *arrays)
+        states, effectors, regressors = (tuple(map(str, content[k])) for k in ("states", "effectors", "regressors"))
+        a, b, bias, covariance = (np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance"))
+        return SavedModel(states, effectors, regressors, a, b, bias, covariance)
     except OSError as error:
         message = f"the model '{path}' cannot be read: {error.strerror}"
         raise EstimationError(message) from error

@@ -20,6 +20,8 @@ from msls_ros.estimation.sections import Bounds
 from msls_ros.inputs import InputMap
 
 WIDTH = 116
+_WILD = {"**": r"(/[^/]+)*", "*": r"/[^/]+"}
+"""Words of a section's name that stand for others, as regular expressions."""
 OTHER = (
     *("autostart", "publish_every", "use_sim_time", "inputs"),
     *("frame_id", "queue", "lockstep", "model_file", "warm_start", "qos_overrides"),
@@ -162,7 +164,7 @@ def matches_node(path: str | os.PathLike[str], node: str) -> bool:
     """
     content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
     for name, _ in _sections(content if isinstance(content, Mapping) else {}):
-        words = [r"(/[^/]+)*" if w == "**" else r"/[^/]+" if w == "*" else "/" + re.escape(w) for w in name.split("/") if w]
+        words = [_WILD.get(word, "/" + re.escape(word)) for word in name.split("/") if word]
         if re.fullmatch("".join(words), node):
             return True
     return False

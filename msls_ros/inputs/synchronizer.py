@@ -1,7 +1,7 @@
 """Pairs states and deflections by stamp, and refuses what cannot be used: one gate for live data, bags and tests.
 
-A state sample and an effector sample of one stamp (or, where asked for, of nearly one) make one sample. What is refused is counted by reason; nothing is
-dropped silently. Stamps are whole nanoseconds.
+A state sample and an effector sample of one stamp (or, where asked for, of nearly one) make one sample. What is refused
+is counted by reason; nothing is dropped silently. Stamps are whole nanoseconds.
 """
 
 from __future__ import annotations
@@ -285,5 +285,6 @@ class Synchronizer:
             if other.recent:
                 nearest = min(other.recent, key=lambda s: abs(s - stamp)) - stamp
                 text = f"{stream.name} at {stamp * 1e-9:.9f} s has no partner: the nearest {other.name} is stamped "
-                text += f"{nearest * 1e-6:+.6f} ms from it; expected within pairing_tolerance, {self._tolerance * 1e-6:g} ms"
+                text += f"{nearest * 1e-6:+.6f} ms from it; expected within pairing_tolerance, "
+                text += f"{self._tolerance * 1e-6:g} ms"
             self._late(Refused(f"{stream.vector.kind}_unpaired", text))

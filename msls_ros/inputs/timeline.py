@@ -46,8 +46,8 @@ class Timeline(Generic[T]):
     Parameters
     ----------
     jump
-        A step back larger than this waits for confirmation, a smaller one is refused [ns]. A step forward waits where it
-        is larger than this and than `FORWARD`.
+        A step back larger than this waits for confirmation, a smaller one is refused [ns]. A step forward waits where
+        it is larger than this and than `FORWARD`.
     refuse
         Told of each message that waited and was contradicted.
     """
@@ -105,8 +105,9 @@ class Timeline(Generic[T]):
         if own and (stamp <= own[-1] or (own[-1] < last) != (stamp < last)):
             self._contradict(stream)
             own = []
-        near = any(abs(s - stamp) <= self._reach for name, s in self.last.items() if name != stream)
-        moved = any(abs(s - stamp) <= self._reach for name, s, _ in self._waiting if name != stream)
+        reach = self._jump if stamp < last else self._reach
+        near = any(abs(s - stamp) <= reach for name, s in self.last.items() if name != stream)
+        moved = any(abs(s - stamp) <= reach for name, s, _ in self._waiting if name != stream)
         self._waiting.append((stream, stamp, item))
         if not (near or moved or len(own) + 1 >= SEVERAL):
             return Passed([], False)

@@ -1,4 +1,4 @@
-"""What the identifier publishes, serialised into messages that are made once: only numbers change from one to the next."""
+"""What the identifier publishes, in serialised messages that are made once: only numbers change from then on."""
 
 from __future__ import annotations
 

@@ -18,9 +18,13 @@ from msls_ros.inputs.profiles import matches_node
 
 Table = Mapping[str, tuple[Any, Bounds]]
 """Default and bounds by name."""
-KINDS = {
-    **{bool: "true or false", str: "a word", int: "a whole number", float: "a number"},
-    **{list: "a list of words", tuple: "a list of numbers"},
+KINDS: Mapping[type, str] = {
+    bool: "true or false",
+    str: "a word",
+    int: "a whole number",
+    float: "a number",
+    list: "a list of words",
+    tuple: "a list of numbers",
 }
 """What a parameter must be, by the type of its default."""
 

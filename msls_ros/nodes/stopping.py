@@ -1,8 +1,8 @@
 """SIGINT and SIGTERM to a node: never lost, no traceback, and time to say goodbye.
 
 The signals are noted at once by a thread, whatever the main thread is busy with (an import, a compiler, a wait for
-messages). While the node starts, nothing has been said that would need taking back: the process ends there and then with
-exit code 0. Once it runs, whoever waits is woken and ends in order.
+messages). While the node starts, nothing has been said that would need taking back: the process ends there and then
+with exit code 0. Once it runs, whoever waits is woken and ends in order.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -48,7 +49,9 @@ def test_for_any_input_the_output_is_within_limits_or_the_stack_s_own_command(
         else:
             assert valid
             size = np.abs(command) * 1e-15 + ULP
-            assert (made.command >= np.minimum(LOW, command)).all() and (made.command <= np.maximum(HIGH, command)).all()
+            assert (made.command >= np.minimum(LOW, command)).all() and (
+                made.command <= np.maximum(HIGH, command)
+            ).all()
             assert (np.abs(made.command - command) <= AUTHORITY + size).all()
             if last is not None and now >= last[0] and np.isfinite(last[1]).all():
                 reach = np.maximum(RATE * (now - last[0]), np.abs(command - last[1]))
@@ -56,7 +59,9 @@ def test_for_any_input_the_output_is_within_limits_or_the_stack_s_own_command(
         last = now, made.command
 
 
-@given(st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3), st.lists(st.floats(-0.015, 0.015), min_size=3, max_size=3))
+@given(
+    st.lists(st.floats(-0.1, 0.1), min_size=3, max_size=3), st.lists(st.floats(-0.015, 0.015), min_size=3, max_size=3)
+)
 def test_within_all_limits_it_is_the_plain_sum_to_the_bit(command: list[float], dither: list[float]) -> None:
     mixer = Mixer(3, LIMITS)
     assert mixer.take(0.0, dither, Level.NOMINAL) == ""
@@ -68,7 +73,7 @@ def test_within_all_limits_it_is_the_plain_sum_to_the_bit(command: list[float], 
 
 
 NAN = math.nan
-INVALID = {
+INVALID: dict[str, tuple[dict[str, Any], str]] = {
     "inhibited": (dict(level=Level.INHIBITED), "inhibited"),
     "off": (dict(level=Level.OFF), "off"),
     "stale": (dict(age=0.11), "0.11 s old"),
@@ -83,7 +88,7 @@ INVALID = {
 @pytest.mark.parametrize("what", INVALID)
 def test_a_dither_that_is_not_valid_leaves_the_command_and_says_why(what: str) -> None:
     changes, why = INVALID[what]
-    case = {"level": Level.NOMINAL, "age": 0.0, "dither": [0.01] * 3, "enabled": True, **changes}
+    case: dict[str, Any] = {"level": Level.NOMINAL, "age": 0.0, "dither": [0.01] * 3, "enabled": True, **changes}
     mixer = Mixer(3, LIMITS)
     mixer.take(0.9, [0.01] * 3, Level.NOMINAL)
     command = np.array([0.1, -0.0, 5.0])

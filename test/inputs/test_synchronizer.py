@@ -178,7 +178,9 @@ def test_unpaired_samples_are_reported_with_the_difference_of_the_stamps() -> No
         g.add_effectors(k * TICK + 1_500_000, EFFECTORS, [5.0, 6.0])
     assert g.paired == 0 and told
     assert {r.reason for r in told} == {"state_unpaired", "effector_unpaired"}
-    assert "the nearest effector sample is stamped +1.500000 ms from it; expected within pairing_tolerance" in str(told[0])
+    assert "the nearest effector sample is stamped +1.500000 ms from it; expected within pairing_tolerance" in str(
+        told[0]
+    )
 
 
 @pytest.mark.parametrize("offset", [-1_500_000, 0, 1_500_000])
@@ -186,7 +188,9 @@ def test_with_a_tolerance_the_nearest_are_paired_in_whatever_order_they_come(off
     made = []
     for late in (0, 1):
         g = Synchronizer(STATES, EFFECTORS, tolerance=0.002)
-        arrivals = sorted([(k, 0) for k in range(1, 50)] + [(k, 1) for k in range(1, 50)], key=lambda a: (a[0], a[1] ^ late))
+        arrivals = sorted(
+            [(k, 0) for k in range(1, 50)] + [(k, 1) for k in range(1, 50)], key=lambda a: (a[0], a[1] ^ late)
+        )
         found = [
             g.add_state(k * TICK, STATES, [k, 2.0], [3.0, 4.0])
             if which == 0
