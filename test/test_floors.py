@@ -49,7 +49,7 @@ OWN = {
     "offline": set[str](),
     "paper": set[str](),
     "nodes": ROS,
-    "commands": {"tqdm", "rclpy"},
+    "commands": {"tqdm", "rclpy", "rich"},
 }
 """Packages that each room imports besides numpy and the standard library."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import functools
 import time
+from typing import Any
 
 import numpy as np
 
@@ -64,9 +65,10 @@ def _fly(configuration: Configuration) -> None:
     x[-60:, 1] += np.cumsum(random.standard_normal(60))
     b = np.zeros((n, m))
     b[:3] = [[1.0, 0.2], [-5.0, 0.5], [-3.0, 1.0]]
-    xdot = np.asarray(-0.5 * x + delta @ b.T + random.standard_normal((SAMPLES, n)) * 1e-3, np.float64)
+    clean: Any = -0.5 * x + delta @ b.T
+    xdot = clean + random.standard_normal((SAMPLES, n)) * 1e-3
     xdot[CHANGE:] = (-0.5 * x + delta @ (b * [0.1, 1.0]).T)[CHANGE:]
-    t: Array = np.arange(SAMPLES) * step
+    t: Any = np.arange(SAMPLES) * step
     identifier = Identifier(configuration)
     for k in range(SAMPLES):
         identifier.update(float(t[k]), x[k], xdot[k], delta[k])
