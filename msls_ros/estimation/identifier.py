@@ -249,7 +249,7 @@ class Identifier:
     @property
     def covariance(self) -> Array:
         """(p, p) of the estimates over the residual variance, as `warm_start` takes it; of the rows that share one."""
-        found: Array = self._regression.state.P[0]
+        found: Array = self._regression.state.P[0, 0]
         return 0.5 * (found + found.T)
 
     @property

@@ -9,10 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.srv import ChangeState
 from rcl_interfaces.msg import SetParametersResult
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
@@ -22,11 +19,11 @@ from std_srvs.srv import SetBool, Trigger
 from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, Identifier, Level
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import warm_up
-from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
+from msls_ros.inputs import PairedSample, Refused, Synchronizer
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
-from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, subscribe, subscribe_own
-from msls_ros.nodes.monitoring import Monitor
+from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
+from msls_ros.nodes.monitoring import Monitor, judged, told
 from msls_ros.nodes.outputs import Outputs
 from msls_ros.nodes.parameters import (
     NodeError,
@@ -40,6 +37,7 @@ from msls_ros.nodes.parameters import (
 )
 from msls_ros.nodes.quality import best_effort, depth_of, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
+from msls_ros.nodes.transitions import guard_transitions
 from msls_ros.records import FRAME
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
@@ -88,7 +86,7 @@ class IdentifierNode(LifecycleNode):
         self._p = declare_table(self, NODE_PARAMETERS)
         self._inputs = declare_inputs(self)
         warn_of_unknown(self)
-        self._guard_transitions()
+        guard_transitions(self)
         self._steady: Callable[[], int] = time.monotonic_ns
         self._identifier: Identifier | None = None
         self._sample: PairedSample | None = None
@@ -104,21 +102,6 @@ class IdentifierNode(LifecycleNode):
             self._start()
         else:
             self.get_logger().info("waiting to be configured")
-
-    def _guard_transitions(self) -> None:
-        """Answer a transition that the present state does not have with no; rclpy would end the process over it."""
-
-        def guarded(answer: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-            try:
-                return answer(request, response)
-            except RCLError as error:
-                self.get_logger().warning(f"refused (transition): {str(error).splitlines()[0]}")
-                response.success = False
-                return response
-
-        for service in self.services:
-            if service.srv_type is ChangeState:
-                service.callback = partial(guarded, service.callback)
 
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
@@ -225,7 +208,9 @@ class IdentifierNode(LifecycleNode):
             self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")
         self._synchronizer = Synchronizer.of(configuration, self._take_refusal)
         self._refusals = Refusals(self, self._synchronizer.refused)
-        self._adapter = self._make_adapter(configuration)
+        self._adapter = None
+        if self._inputs is not None:
+            self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._take_refusal)
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
@@ -233,18 +218,6 @@ class IdentifierNode(LifecycleNode):
 
     def _take_refusal(self, refused: Refused) -> None:
         self._refusals.take(refused)
-
-    def _make_adapter(self, configuration: Configuration) -> InputAdapter | None:
-        if self._inputs is None:
-            return None
-        return InputAdapter(
-            self._inputs,
-            configuration.states,
-            configuration.effectors,
-            time_jump=configuration.time_jump,
-            refused=self._synchronizer.refused,
-            report=self._take_refusal,
-        )
 
     def _stale_after(self) -> float:
         assert self._identifier is not None
@@ -421,28 +394,11 @@ class IdentifierNode(LifecycleNode):
                 self._watch.timer_period_ns = round(self._stale_after() * 1e9)
 
     def _health(self) -> Health:
-        """Say how the identifier is, in words, and all that it has measured."""
         assert self._identifier is not None
-        gate, dither = self._synchronizer, self._identifier.last_dither
-        air = round(100.0 * self._identifier.air)
-        level = "inhibited" if self._stale else dither.level.name.lower()
+        level, message = judged(self._identifier, self._rate, self._active, self._stale)
         values = {
-            "samples": gate.paired,
-            "alarms": self._identifier.alarms,
-            "restarts": gate.restarts,
-            "motion made by gusts [%]": air,
+            **told(self._identifier, self._synchronizer, self._stale),
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
-            "dither": f"{level}: {'no fresh samples' if self._stale else dither.reason}",
-            "kernels": "compiled" if HAVE_NUMBA else "interpreted",
             **self._monitor.report(),
         }
-        if not self._active:
-            return Health(DiagnosticStatus.OK, "inactive", values)
-        if self._stale:
-            return Health(DiagnosticStatus.STALE, "no samples: the dither is zero", values)
-        if self._rate.deviates:
-            return Health(DiagnosticStatus.WARN, self._rate.sentence, values)
-        if not self._identifier.enabled:
-            return Health(DiagnosticStatus.WARN, "frozen: samples are not learnt from", values)
-        gusts = f", error bars widened: gusts make {air} % of the motion" if self._identifier.moving_air else ""
-        return Health(DiagnosticStatus.OK, f"identifying{gusts}", values)
+        return Health(level, message, values)

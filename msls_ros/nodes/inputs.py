@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 from collections.abc import Callable
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -14,7 +15,8 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from msls_ros.bags import BagError, SampleDecoder
-from msls_ros.inputs import InputMap, PairedSample, Synchronizer
+from msls_ros.estimation import Configuration
+from msls_ros.inputs import InputAdapter, InputMap, PairedSample, Refused, Synchronizer
 from msls_ros.nodes.parameters import NodeError, plain
 from msls_ros.nodes.quality import overriding
 
@@ -38,6 +40,26 @@ def declare_inputs(node: Node) -> InputMap | None:
         node.declare_parameter(name, None, ParameterDescriptor(description=about, dynamic_typing=True))
         node.set_descriptor(name, ParameterDescriptor(description=about, dynamic_typing=True, read_only=True))
     return InputMap.from_parameters({name[len(PREFIX) :]: plain(node.get_parameter(name)) for name in names})
+
+
+def make_adapter(
+    inputs: InputMap, configuration: Configuration, gate: Synchronizer, report: Callable[[Refused], None]
+) -> InputAdapter:
+    """Return what turns messages of other types into rows for the gate, which counts what is refused.
+
+    Raises
+    ------
+    EstimationError
+        If a state or effector comes from nowhere, or from two places.
+    """
+    return InputAdapter(
+        inputs,
+        configuration.states,
+        configuration.effectors,
+        time_jump=configuration.time_jump,
+        refused=gate.refused,
+        report=report,
+    )
 
 
 class OwnInputs:
@@ -78,7 +100,7 @@ def subscribe_own(node: Node, quality: QoSProfile, take: Callable[[str, bytes], 
     """Subscribe to our own messages, undecoded; ``take`` gets topic and bytes."""
     return [
         node.create_subscription(
-            kind, topic, partial(take, topic), quality, raw=True, qos_overriding_options=overriding()
+            kind, topic, partial(take, topic), copy(quality), raw=True, qos_overriding_options=overriding()
         )
         for topic, kind in ((STATE, StateSample), (EFFECTORS, EffectorSample))
     ]
@@ -96,7 +118,7 @@ def subscribe(
     """
     classes = {topic: message_class(msgtype) for topic, msgtype in topics.items()}
     return [
-        node.create_subscription(c, topic, partial(take, topic), quality, qos_overriding_options=overriding())
+        node.create_subscription(c, topic, partial(take, topic), copy(quality), qos_overriding_options=overriding())
         for topic, c in classes.items()
     ]
 

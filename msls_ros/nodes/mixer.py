@@ -84,10 +84,10 @@ class MixerNode(Node):
         """Commands passed on as they came, and with dither."""
         self._reason = "no command yet"
         self._kind = message_class(p["command_type"])
-        quality, options = reliable(p["queue"]), {"qos_overriding_options": overriding()}
-        self._publisher = self.create_publisher(self._kind, "command_out", quality, **options)
-        self.create_subscription(self._kind, "command_in", self._on_command, quality, raw=True, **options)
-        self.create_subscription(DitherCommand, "dither", self._on_dither, quality, **options)
+        depth, options = p["queue"], {"qos_overriding_options": overriding()}
+        self._publisher = self.create_publisher(self._kind, "command_out", reliable(depth), **options)
+        self.create_subscription(self._kind, "command_in", self._on_command, reliable(depth), raw=True, **options)
+        self.create_subscription(DitherCommand, "dither", self._on_dither, reliable(depth), **options)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self._diagnostics = Diagnostics(self, self._health, self._refusals.counts)
 

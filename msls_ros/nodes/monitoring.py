@@ -7,6 +7,12 @@ from collections import deque
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+
+from msls_ros.estimation import Identifier
+from msls_ros.estimation.compiled import HAVE_NUMBA
+from msls_ros.inputs import Synchronizer
+from msls_ros.inputs.freshness import RateWatch
 
 REMEMBERED = 1000
 """Samples whose processing time is remembered."""
@@ -88,3 +94,40 @@ class Monitor:
         values["too old for a dither [samples]"] = self.old
         values["last event"] = self.last_event
         return values
+
+
+def told(identifier: Identifier, gate: Synchronizer, stale: bool) -> dict[str, object]:
+    """Return what an identifier has to tell in /diagnostics.
+
+    Parameters
+    ----------
+    identifier, gate
+        With their counts.
+    stale
+        Whether the samples have stopped.
+    """
+    dither = identifier.last_dither
+    why = "inhibited: no fresh samples" if stale else f"{dither.level.name.lower()}: {dither.reason}"
+    return {
+        "samples": gate.paired,
+        "alarms": identifier.alarms,
+        "restarts": gate.restarts,
+        "motion made by gusts [%]": round(100.0 * identifier.air),
+        "dither": why,
+        "kernels": "compiled" if HAVE_NUMBA else "interpreted",
+    }
+
+
+def judged(identifier: Identifier, rate: RateWatch, active: bool, stale: bool) -> tuple[bytes, str]:
+    """Return level and message of an identifier's health; arguments as for `told`."""
+    if not active:
+        return DiagnosticStatus.OK, "inactive"
+    if stale:
+        return DiagnosticStatus.STALE, "no samples: the dither is zero"
+    if rate.deviates:
+        return DiagnosticStatus.WARN, rate.sentence
+    if not identifier.enabled:
+        return DiagnosticStatus.WARN, "frozen: samples are not learnt from"
+    air = round(100.0 * identifier.air)
+    gusts = f", error bars widened: gusts make {air} % of the motion" if identifier.moving_air else ""
+    return DiagnosticStatus.OK, f"identifying{gusts}"

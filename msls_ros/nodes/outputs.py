@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ class Outputs:
         self._effectors = configuration.effectors
 
         def make(kind: type[Any], topic: str) -> Any:
-            return node.create_lifecycle_publisher(kind, topic, quality, qos_overriding_options=overriding())
+            return node.create_lifecycle_publisher(kind, topic, copy(quality), qos_overriding_options=overriding())
 
         self._model, self._fault = make(LinearModel, "model"), make(FaultEvent, "fault")
         self._dither = make(DitherCommand, "dither")

@@ -106,7 +106,7 @@ def test_a_rate_that_is_not_the_promised_one_is_told_of_once(bench: Bench, capfd
 
 
 def test_unpaired_samples_are_told_of_with_the_difference(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
-    node = bench.add(IdentifierNode)
+    node = bench.add(IdentifierNode, queue=10.0)
     for k in range(1, 80):
         bench.publish("state", messages.state_message(k * 20_000_000, STATES, X[k], XDOT[k]))
         bench.publish("effectors", messages.effector_message(k * 20_000_000 + 3_000_000, EFFECTORS, DELTA[k]))
