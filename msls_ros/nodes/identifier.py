@@ -198,7 +198,6 @@ class IdentifierNode(LifecycleNode):
 
     def _build(self, configuration: Configuration) -> None:
         """Make identifier and gate, and compile every kernel before the first sample comes."""
-        self.get_logger().debug("compiling the kernels that are not in the cache")
         took = warm_up()
         if took > COMPILING and HAVE_NUMBA:
             self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
@@ -262,7 +261,8 @@ class IdentifierNode(LifecycleNode):
         """Update with a sample and publish what comes of it."""
         assert self._identifier is not None
         if sample.restarted:
-            self._log_restart(sample)
+            text = f"time jumped back to {sample.time:.3f} s: starting anew"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._identifier.reset()
             self._rate.clear()
         elif self._sample is None:
@@ -284,10 +284,6 @@ class IdentifierNode(LifecycleNode):
             self._outputs.model(sample.stamp, self._identifier.estimate(sample.time, sample.x))
         if self._rate.take(sample.stamp):
             self.get_logger().warning(self._rate.sentence)
-
-    def _log_restart(self, sample: PairedSample) -> None:
-        text = f"time jumped back to {sample.time:.3f} s: starting anew"
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
 
     def _old(self, sample: PairedSample) -> bool:
         """Whether a sample is too old to be answered by a dither; it is learnt from all the same."""
