@@ -72,7 +72,7 @@ class Probe:
         def note(data: bytes) -> None:
             now = time.perf_counter_ns()
             seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-            arrived[seconds * 1_000_000_000 + nanoseconds] = now
+            arrived.setdefault(seconds * 1_000_000_000 + nanoseconds, now)  # a stop has the stamp of the last sample
 
         return note
 

@@ -97,13 +97,23 @@ class OwnInputs:
 
 
 def subscribe_own(node: Node, quality: QoSProfile, take: Callable[[str, bytes], None]) -> list[Subscription]:
-    """Subscribe to our own messages, undecoded; ``take`` gets topic and bytes."""
-    return [
-        node.create_subscription(
-            kind, topic, partial(take, topic), copy(quality), raw=True, qos_overriding_options=overriding()
-        )
-        for topic, kind in ((STATE, StateSample), (EFFECTORS, EffectorSample))
-    ]
+    """Subscribe to our own messages, undecoded; ``take`` gets topic and bytes.
+
+    The two of a sample are sent at once: after one the other is looked for, without another round of the executor.
+    """
+    made: dict[str, Subscription] = {}
+
+    def both(topic: str, data: bytes) -> None:
+        take(topic, data)
+        other = STATE if topic == EFFECTORS else EFFECTORS
+        found = made[other].handle.take_message(made[other].msg_type, True)
+        if found is not None:
+            take(other, found[0])
+
+    for topic, kind in ((STATE, StateSample), (EFFECTORS, EffectorSample)):
+        options = {"raw": True, "qos_overriding_options": overriding()}
+        made[topic] = node.create_subscription(kind, topic, partial(both, topic), copy(quality), **options)
+    return list(made.values())
 
 
 def subscribe(

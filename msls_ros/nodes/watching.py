@@ -41,7 +41,7 @@ class WatchNode(Node):
         quality = reliable(10)
         self.create_subscription(LinearModel, "model", self._on_model, quality)
         self.create_subscription(DitherCommand, "dither", self._on_dither, quality)
-        self.create_subscription(FaultEvent, "fault", self.events.append, quality)
+        self.create_subscription(FaultEvent, "fault", self._on_fault, quality)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, quality)
 
     def rates(self) -> dict[str, float]:
@@ -58,6 +58,9 @@ class WatchNode(Node):
     def _on_dither(self, message: DitherCommand) -> None:
         self.dither = message
         self._counts["dither"] += 1
+
+    def _on_fault(self, message: FaultEvent) -> None:
+        self.events.append(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -25,10 +25,12 @@ def flight(configuration: Configuration) -> tuple[Any, Any, Any, Any]:
     x[:, 0] += configuration.reference_speed
     x[300:, 1:3] += np.cumsum(random.normal(size=(100, 2)), axis=0)
     delta, b = random.normal(size=(SAMPLES, m)) * 0.1, random.normal(size=(n, m))
-    b[3] *= 10.0
+    b[3] = 0.0
+    b[3, 2] = 10.0
     after = b.copy()
     after[3, 2] *= 0.1
-    clean = np.where(np.arange(SAMPLES)[:, None] < 200, delta @ b.T, delta @ after.T) - 0.2 * x
+    clean = np.where(np.arange(SAMPLES)[:, None] < 200, delta @ b.T, delta @ after.T)
+    clean[:, :3] -= 0.2 * (x[:, :3] - x[0, :3])
     return np.arange(SAMPLES) / configuration.sample_rate, x, clean + random.normal(size=x.shape) * 1e-4, delta
 
 
