@@ -111,8 +111,9 @@ def subscribe_own(node: Node, quality: QoSProfile, take: Callable[[str, bytes], 
             take(other, found[0])
 
     for topic, kind in ((STATE, StateSample), (EFFECTORS, EffectorSample)):
-        options = {"raw": True, "qos_overriding_options": overriding()}
-        made[topic] = node.create_subscription(kind, topic, partial(both, topic), copy(quality), **options)
+        made[topic] = node.create_subscription(
+            kind, topic, partial(both, topic), copy(quality), raw=True, qos_overriding_options=overriding()
+        )
     return list(made.values())
 
 
