@@ -31,12 +31,12 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Show the view until told to stop; return the exit code."""
+    """Show the view until it is stopped; return the exit code."""
     arguments = parser().parse_args(argv)
     wrong = [p for p in arguments.parameters if len(p.split("/")) != 2 or not all(p.split("/"))]
     if wrong or not 0.1 <= arguments.rate <= 30.0:
         what = f"'{wrong[0]}' is not ROW/COLUMN, as P/ddt" if wrong else "--rate must be from 0.1 to 30"
-        print(f"watch: {what}; --help tells more", file=sys.stderr)
+        print(f"watch: {what}; see --help", file=sys.stderr)
         return 2
     import rclpy
     from rclpy.executors import ExternalShutdownException
