@@ -13,6 +13,7 @@ import yaml
 from msls_msgs.msg import DitherCommand, LinearModel
 from msls_msgs.srv import InjectFault
 from nodes.made_up import linear_samples
+from nodes.tower import STEP, Tower
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
@@ -223,6 +224,23 @@ def test_damage_by_service_leaves_the_effect_where_it_is_not_given() -> None:
 def test_the_plant_s_clock_is_published_where_it_is_wanted(bench: Bench, publish: bool) -> None:
     node = bench.add(PlantNode, publish_clock=publish, autostart=False)
     assert ("/clock" in {p.topic_name for p in node.publishers}) == publish
+
+
+def test_in_real_time_the_plant_drops_old_dither_and_holds_none_for_long(bench: Bench) -> None:
+    tower = Tower(bench, mode="real_time", time_out=3600.0, stale_after=0.1)
+    bench.spin_until(lambda: tower.stamp > 10 * STEP, "flight")
+    before = tower.plant.refused["stale"]
+    bench.publish("dither", tower.dither(stamp=STEP))
+    bench.spin_until(lambda: tower.plant.refused["stale"] > before, "the refusal")
+    bench.publish("command", tower.command())
+
+    def answered() -> bool:
+        bench.publish("dither", tower.dither())
+        return tower.plant._answers["dither"] is not None
+
+    bench.spin_until(answered, "a fresh dither")
+    bench.spin_until(lambda: tower.plant._answers["dither"] is None, "the end of the dither")
+    assert tower.plant._answers["command"] is not None
 
 
 # --- services ---
