@@ -59,6 +59,8 @@ WAITING = 5.0
 """How often it is said what is waited for [s]."""
 FOREIGN_RATE = 4.0
 """Messages of other stacks come this much faster than the samples that are made of them."""
+KEPT = 2.0
+"""What is kept for those who listen, a recorder that writes to disk among them [s]."""
 GOODBYE = 0.5
 """How long the last dither may take to reach those who listen [s]."""
 
@@ -130,7 +132,7 @@ class IdentifierNode(LifecycleNode):
         except (EstimationError, NodeError) as error:
             self.get_logger().error(str(error))
             return FAILURE
-        depth = reliable(depth_of(self._p["queue"], configuration.sample_rate))
+        depth = reliable(depth_of(KEPT, configuration.sample_rate))
         self._outputs = Outputs(self, configuration, self._p["frame_id"], depth)
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
@@ -205,18 +207,15 @@ class IdentifierNode(LifecycleNode):
         if self._p["warm_start"]:
             start_from(self._identifier, Path(self._p["warm_start"]))
             self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")
-        self._synchronizer = Synchronizer.of(configuration, self._take_refusal)
+        self._synchronizer = Synchronizer.of(configuration, lambda refused: self._refusals.take(refused))
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = None
         if self._inputs is not None:
-            self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._take_refusal)
+            self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._refusals.take)
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
-
-    def _take_refusal(self, refused: Refused) -> None:
-        self._refusals.take(refused)
 
     def _stale_after(self) -> float:
         assert self._identifier is not None
