@@ -265,8 +265,9 @@ def test_a_saved_model_is_read_back_and_started_from(bench: Bench, tmp_path: Pat
     path = tmp_path / "deep" / "model.yaml"
     source = Source(bench, model_file=str(path))
     assert not bench.call(Trigger, "identifier/save_model").success, "nothing yet"
-    source.send(*(SECOND + k * 20_000_000 for k in range(200)))
-    bench.expect(source.model, 200)
+    for k in range(200):
+        source.send(SECOND + k * 20_000_000)
+        bench.expect(source.model, k + 1)
     answer = bench.call(Trigger, "identifier/save_model")
     assert answer.success and str(path) in answer.message
     saved = read_model(path)
