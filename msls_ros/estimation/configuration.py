@@ -51,6 +51,13 @@ class Configuration:
     time_jump: float = parameter(
         1.0, "a step back in time larger than this starts anew; a smaller one is refused", unit="s", low=0.0
     )
+    pairing_tolerance: float = parameter(
+        0.0,
+        "largest difference between the stamps of a pair, less than half a sample period; 0: equal stamps",
+        unit="s",
+        low=0.0,
+        in_flight=False,
+    )
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     detector: DetectorParameters = field(default_factory=DetectorParameters)
     recovery: RecoveryParameters = field(default_factory=RecoveryParameters)
@@ -76,6 +83,12 @@ class Configuration:
                 f"parameters 'dither.multisine_*' leave {max(harmonics + 1, 0)} harmonics for {m} effectors; a longer "
                 "period or a wider band gives more"
             )
+            raise EstimationError(message)
+        if self.pairing_tolerance * self.sample_rate >= 0.5:
+            message = (
+                f"parameter 'pairing_tolerance' is {self.pairing_tolerance:g}; it must be less than half a sample "
+            )
+            message += f"period, {0.5 / self.sample_rate:g} s"
             raise EstimationError(message)
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
