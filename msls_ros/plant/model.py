@@ -5,12 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
+import jsbsim
 import numpy as np
 
 from msls_ros.plant import airframe
 from msls_ros.plant.conditions import FlightCondition
-from msls_ros.plant.interface import EFFECTORS, SURFACES, Array, PlantError
+from msls_ros.plant.interface import Array, PlantError
+
+if TYPE_CHECKING:
+    from msls_ros.plant.trim import Trim
 
 FOOT = 0.3048
 _X = (
@@ -77,6 +82,10 @@ class Surroundings:
         Speed of the air to the north, to the east, down [ft/s].
     wind_rates : tuple of float
         Rotation of the air about the body axes [rad/s].
+    held : tuple of float
+        Of a derived aircraft: what its aerodynamics read of its flight controls besides the surfaces.
+    throttles, rpm : tuple of float
+        Of a derived aircraft, by engine: throttle position [1], propeller speed [rev/min].
     """
 
     place: tuple[float, ...]
@@ -85,10 +94,13 @@ class Surroundings:
     bias: tuple[float, ...]
     wind: tuple[float, ...] = (0.0, 0.0, 0.0)
     wind_rates: tuple[float, ...] = (0.0, 0.0, 0.0)
+    held: tuple[float, ...] = ()
+    throttles: tuple[float, ...] = ()
+    rpm: tuple[float, ...] = ()
 
 
 class Model:
-    """A flight dynamics model of the F-16/MATV at one loading.
+    """A flight dynamics model of the F-16/MATV at one loading; `stock.StockModel` is one of any other aircraft.
 
     Parameters
     ----------
@@ -101,15 +113,17 @@ class Model:
     """
 
     def __init__(self, condition: FlightCondition, rate: int, *, ideal: bool = False) -> None:
-        self._fdm = airframe.load(condition.ballast, rate, ideal=ideal)
+        self._condition, self._ideal = condition, ideal
+        self._fdm = self._load(rate)
         self._manager = self._fdm.get_property_manager()
         self._x = self._nodes(_X)
         self._xdot = self._nodes(_XDOT)
-        self._positions = self._nodes([f"surfaces/{name}-pos-rad" for name in SURFACES])
-        self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in EFFECTORS])
-        self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in SURFACES])
-        self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
-        self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in SURFACES])
+        surfaces, effectors = condition.airframe.surface_names, condition.airframe.effectors
+        self._positions = self._nodes([f"surfaces/{name}-pos-rad" for name in surfaces])
+        self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in effectors])
+        self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in surfaces])
+        self._bias = self._nodes([f"damage/{name}-bias-rad" for name in surfaces])
+        self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in surfaces])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
         self._place = self._nodes(_PLACE)
         self._wind = self._nodes(_TURBULENCE)
@@ -121,13 +135,16 @@ class Model:
         self.run = self._fdm.run
         self._start(condition)
 
+    def _load(self, rate: int) -> jsbsim.FGFDMExec:
+        return airframe.load(self._condition.ballast, rate, ideal=self._ideal)
+
     def _nodes(self, paths: Sequence[str]) -> tuple[airframe.Node, ...]:
         return tuple(self._node(path) for path in paths)
 
     def _node(self, path: str) -> airframe.Node:
         node = self._manager.get_node(path)
         if node is None:
-            message = f"JSBSim has no property {path}: expected the F-16 and JSBSim 1.3"
+            message = f"JSBSim has no property {path}: expected JSBSim 1.3 and the aircraft's own properties"
             raise PlantError(message)
         return node
 
@@ -187,7 +204,7 @@ class Model:
                 node.set_double_value(value)
 
     def put(self, x: Sequence[float], delta: Sequence[float]) -> None:
-        """Set states (9,) [m/s, rad/s, rad] and effector commands (7,) [rad], and compute the forces there.
+        """Set states (9,) [m/s, rad/s, rad] and effector commands (m,) [rad], and compute the forces there.
 
         The actuators are where they are told to be: JSBSim lets them pass their commands while it trims.
         """
@@ -204,9 +221,18 @@ class Model:
         self._initialise()
         self._fdm.set_trim_status(False)
 
+    def begin(self, trim: Trim) -> None:
+        """Stand in the trim, ready to fly."""
+        m = len(self._positions)
+        self.surround(Surroundings(trim.place, trim.throttle, (1.0,) * m, (0.0,) * m))
+        self.put(trim.x.tolist(), trim.delta.tolist())
+
     def respond(self, delta: Sequence[float]) -> None:
-        """Compute the forces with other effector commands (7,) [rad] where the last `put` was, at half its price."""
+        """Compute the forces with other effector commands (m,) [rad] where the last `put` was, at half its price."""
         self.command(delta)
+        self._again()
+
+    def _again(self) -> None:
         self._fdm.set_trim_status(True)
         self._fdm.suspend_integration()
         self.run()
@@ -214,7 +240,7 @@ class Model:
         self._fdm.set_trim_status(False)
 
     def command(self, delta: Sequence[float]) -> None:
-        """Set the effector commands (7,) [rad]."""
+        """Set the effector commands (m,) [rad]."""
         for node, value in zip(self._commands, delta, strict=True):
             node.set_double_value(value)
 
@@ -242,7 +268,7 @@ class Model:
         return values
 
     def positions(self) -> Array:
-        """Positions of the surfaces (7,) in the order of `SURFACES` [rad]."""
+        """Positions of the surfaces (n,) [rad]."""
         return np.array([node.get_double_value() for node in self._positions])
 
     def damage_of(self, surface: int) -> tuple[float, float]:

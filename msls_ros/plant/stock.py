@@ -1,0 +1,193 @@
+"""The flight dynamics model of a derived JSBSim aircraft: trimmed by JSBSim, and its ideal form for the truth."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import cache
+from typing import TYPE_CHECKING
+
+import jsbsim
+import numpy as np
+
+from msls_ros.plant import derive
+from msls_ros.plant.conditions import FlightCondition
+from msls_ros.plant.definition import OWN_MODEL
+from msls_ros.plant.interface import Array, PlantError
+from msls_ros.plant.model import FOOT, SI, Model, Surroundings
+
+if TYPE_CHECKING:
+    from msls_ros.plant.trim import Trim
+
+_KNOT_FPS = 1852.0 / 0.3048 / 3600.0
+_FULL_TRIM = 1
+_ACCEPTED = 0.01
+_RPM_TOLERANCE = 1e-9
+_RPM_TRIES = 60
+
+
+class StockModel(Model):
+    """A model of a derived aircraft at one loading.
+
+    Parameters
+    ----------
+    condition : FlightCondition
+        Where it starts, and what flies.
+    rate : int
+        Steps per second [Hz].
+    ideal : bool
+        Surfaces are where they are told to be, engines as they are told to run.
+
+    Raises
+    ------
+    PlantError
+        If the aircraft is wrong, or does not trim.
+    """
+
+    def __init__(self, condition: FlightCondition, rate: int, *, ideal: bool = False) -> None:
+        airframe = condition.airframe
+        if rate < airframe.least_rate:
+            message = f"rate {rate} Hz: {airframe.name} needs at least {airframe.least_rate} steps per second"
+            raise PlantError(message)
+        super().__init__(condition, rate, ideal=ideal)
+
+    def _load(self, rate: int) -> jsbsim.FGFDMExec:
+        fdm, self._derived = derive.load(self._condition.airframe, self._condition.ballast, rate, ideal=self._ideal)
+        return fdm
+
+    def _start(self, condition: FlightCondition) -> None:
+        fdm = self._fdm
+        engines = range(fdm.get_propulsion().get_num_engines())
+        self._throttle_commands = self._nodes([f"fcs/throttle-cmd-norm[{i}]" for i in engines])
+        self._throttle_positions = self._nodes([f"fcs/throttle-pos-norm[{i}]" for i in engines])
+        rpm = [self._manager.get_node(f"propulsion/engine[{i}]/propeller-rpm") for i in engines]
+        self._rpm = tuple(node for node in rpm if node is not None)
+        self._trims = self._nodes([f"surfaces/{name}-trim-rad" for name in condition.airframe.surface_names])
+        self._held = self._nodes([names[self._ideal] for names in self._derived.held])
+        self._implicit = self._nodes([name for _, name in self._derived.implicit]) if self._ideal else ()
+        self._slopes: list[Array] | None = None
+        for name, value in (("propulsion/fuel_freeze", 1.0), *_level(condition), *condition.properties):
+            self._node(name).set_double_value(value)
+        self._initialise()
+        fdm.set_property_value("propulsion/set-running", -1)
+        if not self._ideal:
+            self._trim()
+
+    def _trim(self) -> None:
+        what = f"no trim for {self._condition.name} of {self._condition.airframe.name}"
+        try:
+            self._fdm.set_property_value("simulation/do_simple_trim", _FULL_TRIM)
+        except jsbsim.BaseError as error:
+            advice = "expected an altitude, speed and climb angle that it can hold; a retractable gear must be up"
+            message = f"{what}: JSBSim finds no steady flight; {advice}"
+            raise PlantError(message) from error
+        left = float(np.abs(self.derivative()[:6]).max())
+        if not left < _ACCEPTED:
+            message = f"{what}: {left:.3g} m/s^2 or rad/s^2 remain, expected less than {_ACCEPTED:g}"
+            raise PlantError(message)
+
+    def begin(self, trim: Trim) -> None:
+        """Fly on from the trim: what is commanded there leaves the flight controls as they are."""
+        airframe = self._condition.airframe
+        for node, value in zip(self._trims, np.dot(airframe.mixing, trim.delta).tolist(), strict=True):
+            node.set_double_value(value)
+        self.command(trim.delta.tolist())
+
+    def surroundings(self) -> Surroundings:
+        """Return what the accelerations depend on now, besides states and effectors."""
+        now = super().surroundings()
+        return Surroundings(
+            now.place,
+            now.throttle,
+            now.effectiveness,
+            now.bias,
+            now.wind,
+            now.wind_rates,
+            held=tuple(node.get_double_value() for node in self._held),
+            throttles=tuple(node.get_double_value() for node in self._throttle_positions),
+            rpm=tuple(node.get_double_value() for node in self._rpm),
+        )
+
+    def surround(self, surroundings: Surroundings) -> None:
+        """Take over the surroundings; the next `put` uses them."""
+        super().surround(surroundings)
+        for node, value in zip(self._held, surroundings.held, strict=True):
+            node.set_double_value(value)
+        if self._rpm:
+            self._turn_propellers(surroundings.rpm[0])
+        for node, value in zip(self._throttle_commands, surroundings.throttles, strict=True):
+            node.set_double_value(value)
+        self._slopes = None
+
+    def _turn_propellers(self, wanted: float) -> None:
+        """Bring the propellers to a speed [rev/min], which JSBSim lets nobody set, with the engine itself.
+
+        Its speed changes in proportion to the time step at full or closed throttle: two or three steps suffice where
+        it is near. All propellers turn alike.
+        """
+        step = self._fdm.get_delta_t()
+        trial = 1e-3
+        for _ in range(_RPM_TRIES):
+            before = self._rpm[0].get_double_value()
+            if abs(wanted - before) <= _RPM_TOLERANCE * wanted:
+                break
+            for node in self._throttle_commands:
+                node.set_double_value(1.0 if wanted > before else 0.0)
+            self._fdm.set_dt(trial)
+            self.run()
+            gained = self._rpm[0].get_double_value() - before
+            rest = wanted - before - gained
+            slope = gained / trial
+            trial = min(max(abs(rest / slope), 1e-9), 0.05) if slope else 1e-3
+        self._fdm.set_dt(step)
+
+    def readings(self) -> list[float]:
+        """Time derivatives of the states (9,) in units of the model, consistent with the rates of incidence."""
+        found = super().readings()
+        if not self._implicit:
+            return found
+        if self._slopes is None:
+            self._slopes = self._find_slopes(found)
+        u, v, w = (node.get_double_value() for node in self._air_relative[:3])
+        base, derivative = np.array(found), np.array(found)
+        for _ in range(4):
+            rates = _incidence_rates(u, v, w, derivative)
+            derivative = base.copy()
+            for (source, _name), slope in zip(self._derived.implicit, self._slopes, strict=True):
+                derivative += slope * rates[derive.IMPLICIT.index(source)]
+        told: list[float] = derivative.tolist()
+        return told
+
+    def _find_slopes(self, base: Sequence[float]) -> list[Array]:
+        """Return what the readings gain per rate of each incidence angle; they are linear in these."""
+        slopes = []
+        for node in self._implicit:
+            node.set_double_value(1.0)
+            self._again()
+            slopes.append(np.array(super().readings()) - base)
+            node.set_double_value(0.0)
+        self._again()
+        return slopes
+
+
+def _level(condition: FlightCondition) -> tuple[tuple[str, float], ...]:
+    """Return the initial condition as JSBSim's properties."""
+    speed = ("ic/mach", condition.mach)
+    if condition.airspeed is not None:
+        speed = ("ic/vc-kts", condition.airspeed / FOOT / _KNOT_FPS)
+    return ("ic/h-sl-ft", condition.altitude / FOOT), speed, ("ic/gamma-deg", math.degrees(condition.gamma))
+
+
+def _incidence_rates(u: float, v: float, w: float, derivative: Array) -> tuple[float, float]:
+    """Return the rates of angle of attack and sideslip [rad/s] from velocities and their rates."""
+    u_dot, v_dot, w_dot = derivative[:3].tolist()
+    plane = u * u + w * w
+    alpha_dot = (u * w_dot - w * u_dot) / plane
+    beta_dot = (plane * v_dot - v * (u * u_dot + w * w_dot)) / ((plane + v * v) * math.sqrt(plane))
+    return alpha_dot, beta_dot
+
+
+def make_model(condition: FlightCondition, rate: int, *, ideal: bool = False) -> Model:
+    """Return a model of what flies in a condition."""
+    own = condition.airframe.model == OWN_MODEL
+    return (Model if own else StockModel)(condition, rate, ideal=ideal)
