@@ -84,8 +84,9 @@ class Surroundings:
         Rotation of the air about the body axes [rad/s].
     held : tuple of float
         Of a derived aircraft: what its aerodynamics read of its flight controls besides the surfaces.
-    throttles, rpm : tuple of float
-        Of a derived aircraft, by engine: throttle position [1], propeller speed [rev/min].
+    levers, rpm, pressures : tuple of float
+        Of a derived aircraft: throttles, mixtures, propeller levers [1], propeller speed [rev/min], manifold pressure
+        of piston engines [Pa].
     """
 
     place: tuple[float, ...]
@@ -95,8 +96,9 @@ class Surroundings:
     wind: tuple[float, ...] = (0.0, 0.0, 0.0)
     wind_rates: tuple[float, ...] = (0.0, 0.0, 0.0)
     held: tuple[float, ...] = ()
-    throttles: tuple[float, ...] = ()
+    levers: tuple[float, ...] = ()
     rpm: tuple[float, ...] = ()
+    pressures: tuple[float, ...] = ()
 
 
 class Model:

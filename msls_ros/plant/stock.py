@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 from typing import TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import jsbsim
 import numpy as np
 
 from msls_ros.plant import derive
+from msls_ros.plant.airframe import Node
 from msls_ros.plant.conditions import FlightCondition
 from msls_ros.plant.definition import OWN_MODEL
 from msls_ros.plant.interface import Array, PlantError
@@ -22,8 +23,10 @@ if TYPE_CHECKING:
 _KNOT_FPS = 1852.0 / 0.3048 / 3600.0
 _FULL_TRIM = 1
 _ACCEPTED = 0.01
-_RPM_TOLERANCE = 1e-9
-_RPM_TRIES = 60
+_TOLERANCE = 1e-7
+_TRIES = 60
+_FAST, _SLOW = 2.5, 0.3
+_LEVERS = ("throttle", "mixture", "advance")
 
 
 class StockModel(Model):
@@ -59,9 +62,12 @@ class StockModel(Model):
         fdm = self._fdm
         engines = range(fdm.get_propulsion().get_num_engines())
         self._throttle_commands = self._nodes([f"fcs/throttle-cmd-norm[{i}]" for i in engines])
-        self._throttle_positions = self._nodes([f"fcs/throttle-pos-norm[{i}]" for i in engines])
-        rpm = [self._manager.get_node(f"propulsion/engine[{i}]/propeller-rpm") for i in engines]
-        self._rpm = tuple(node for node in rpm if node is not None)
+        levers = [f"{lever}-{{}}-norm[{i}]" for lever in _LEVERS for i in engines]
+        self._lever_commands = self._nodes([f"fcs/{lever.format('cmd')}" for lever in levers])
+        self._lever_positions = self._nodes([f"fcs/{lever.format('pos')}" for lever in levers])
+        self._rpm = self._those_there([f"propulsion/engine[{i}]/propeller-rpm" for i in engines])
+        self._pressures = self._those_there([f"propulsion/engine[{i}]/map-pa" for i in engines])
+        self._airspeed = 1.0
         self._trims = self._nodes([f"surfaces/{name}-trim-rad" for name in condition.airframe.surface_names])
         self._held = self._nodes([names[self._ideal] for names in self._derived.held])
         self._implicit = self._nodes([name for _, name in self._derived.implicit]) if self._ideal else ()
@@ -69,9 +75,13 @@ class StockModel(Model):
         for name, value in (("propulsion/fuel_freeze", 1.0), *_level(condition), *condition.properties):
             self._node(name).set_double_value(value)
         self._initialise()
+        self._airspeed = float(np.linalg.norm(self.state()[:3]))
         fdm.set_property_value("propulsion/set-running", -1)
         if not self._ideal:
             self._trim()
+
+    def _those_there(self, paths: Sequence[str]) -> tuple[Node, ...]:
+        return tuple(node for node in map(self._manager.get_node, paths) if node is not None)
 
     def _trim(self) -> None:
         what = f"no trim for {self._condition.name} of {self._condition.airframe.name}"
@@ -104,8 +114,9 @@ class StockModel(Model):
             now.wind,
             now.wind_rates,
             held=tuple(node.get_double_value() for node in self._held),
-            throttles=tuple(node.get_double_value() for node in self._throttle_positions),
+            levers=tuple(node.get_double_value() for node in self._lever_positions),
             rpm=tuple(node.get_double_value() for node in self._rpm),
+            pressures=tuple(node.get_double_value() for node in self._pressures),
         )
 
     def surround(self, surroundings: Surroundings) -> None:
@@ -113,33 +124,51 @@ class StockModel(Model):
         super().surround(surroundings)
         for node, value in zip(self._held, surroundings.held, strict=True):
             node.set_double_value(value)
-        if self._rpm:
-            self._turn_propellers(surroundings.rpm[0])
-        for node, value in zip(self._throttle_commands, surroundings.throttles, strict=True):
+        for node, value in zip(self._lever_commands, surroundings.levers, strict=True):
             node.set_double_value(value)
+        if self._rpm:
+            self._run_engines(surroundings)
         self._slopes = None
 
-    def _turn_propellers(self, wanted: float) -> None:
-        """Bring the propellers to a speed [rev/min], which JSBSim lets nobody set, with the engine itself.
+    def _run_engines(self, surroundings: Surroundings) -> None:
+        """Bring manifold pressure [Pa] and propeller speed [rev/min], which JSBSim lets nobody set, to what they are.
 
-        Its speed changes in proportion to the time step at full or closed throttle: two or three steps suffice where
-        it is near. All propellers turn alike.
+        The pressure follows the throttle, the propeller the airspeed, both in proportion to the time step. All engines
+        run alike.
         """
         step = self._fdm.get_delta_t()
+        throttles = self._throttle_commands
+        speed = self._airspeed
+        if self._pressures:
+
+            def open_throttle(up: bool) -> None:
+                for node in throttles:
+                    node.set_double_value(float(up))
+
+            self._lead(self._pressures[0], surroundings.pressures[0], open_throttle)
+            for node, value in zip(self._lever_commands, surroundings.levers, strict=True):
+                node.set_double_value(value)
+
+        def blow(up: bool) -> None:
+            x = [speed * (_FAST if up else _SLOW), *[0.0] * 8]
+            self.place(x)
+
+        self._lead(self._rpm[0], surroundings.rpm[0], blow)
+        self._fdm.set_dt(step)
+
+    def _lead(self, node: Node, wanted: float, push: Callable[[bool], None]) -> None:
+        """Bring a state of the engine to a value, by time steps of the size that this takes while it is pushed."""
         trial = 1e-3
-        for _ in range(_RPM_TRIES):
-            before = self._rpm[0].get_double_value()
-            if abs(wanted - before) <= _RPM_TOLERANCE * wanted:
-                break
-            for node in self._throttle_commands:
-                node.set_double_value(1.0 if wanted > before else 0.0)
+        for _ in range(_TRIES):
+            before = node.get_double_value()
+            if abs(wanted - before) <= _TOLERANCE * wanted:
+                return
+            push(wanted > before)
             self._fdm.set_dt(trial)
             self.run()
-            gained = self._rpm[0].get_double_value() - before
+            gained = node.get_double_value() - before
             rest = wanted - before - gained
-            slope = gained / trial
-            trial = min(max(abs(rest / slope), 1e-9), 0.05) if slope else 1e-3
-        self._fdm.set_dt(step)
+            trial = min(max(abs(rest / gained) * trial, 1e-8), 0.2) if gained else 1e-3
 
     def readings(self) -> list[float]:
         """Time derivatives of the states (9,) in units of the model, consistent with the rates of incidence."""
