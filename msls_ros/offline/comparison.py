@@ -14,12 +14,14 @@ from msls_ros.flights.comparison import Comparison, realised_acceleration
 from msls_ros.flights.judging import PEERS
 from msls_ros.flights.watch import Watch
 from msls_ros.offline.replay import Flight, identify, load, paired
-from msls_ros.plant import EFFECTORS, STATES
+from msls_ros.plant import F16_MATV, STATES, Airframe
 
 Array = NDArray[np.float64]
 
 
-def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comparison:
+def compare(
+    bag: str | Path, configuration: Configuration, watch: Watch, airframe: Airframe = F16_MATV
+) -> Comparison:
     """Read a recorded flight of the demo and identify it again with the peers.
 
     Parameters
@@ -30,6 +32,8 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
         Of the identifier that flew.
     watch
         The parameter to compare.
+    airframe
+        What flew.
     """
     flight = load(bag)
     samples, _ = paired(bag, configuration)
@@ -56,7 +60,7 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
         dither_rms=np.array([m.rms for m in dither]),
         predicted=np.array([m.predicted_acceleration for m in dither]),
         limit=np.array([m.acceleration_limit for m in dither]),
-        realised=realised_acceleration(samples.time, commands, truth_b),
+        realised=realised_acceleration(samples.time, commands, truth_b, airframe),
         boosted=np.array([m.level == m.LEVEL_BOOSTED for m in dither]),
         events=[
             (t * 1e-9, ("", "detected", "isolated", "recovered")[m.kind], tuple(m.equations))
@@ -68,15 +72,15 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
 def _published(models: Sequence[tuple[int, Any]], watch: Watch, of: str = "") -> Array:
     """Return a parameter, or what is said ``of`` it, as the models have it (n,)."""
     row, column = watch.place
-    matrix, width = ("b", len(EFFECTORS)) if watch.in_b else ("a", len(STATES))
+    matrix, width = ("b", len(watch.effectors)) if watch.in_b else ("a", len(STATES))
     return np.array([getattr(m, matrix + of)[row * width + column] for _, m in models], dtype=np.float64)
 
 
 def _hold_truth(flight: Flight, time: Array) -> tuple[Array, Array]:
-    """Return the true A (n, 9, 9) and B (n, 9, 7) at each sample: linear between the published ones."""
+    """Return the true A (n, 9, 9) and B (n, 9, m) at each sample: linear between the published ones."""
     published = flight.topic("truth/model")
     at = np.array([t * 1e-9 for t, _ in published])
     flat = np.array([np.concatenate((m.a, m.b)) for _, m in published])
     columns = np.stack([np.interp(time, at, column) for column in flat.T], axis=1)
     a, b = np.split(columns, [len(STATES) ** 2], axis=1)
-    return a.reshape(-1, len(STATES), len(STATES)), b.reshape(-1, len(STATES), len(EFFECTORS))
+    return a.reshape(-1, len(STATES), len(STATES)), b.reshape(len(b), len(STATES), -1)

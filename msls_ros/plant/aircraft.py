@@ -18,6 +18,9 @@ from msls_ros.plant.trim import find_trim
 from msls_ros.plant.truth import Twin
 
 _PSI = 8
+_STREAM = 0x6057
+GUST_LENGTH = 150.0
+"""Scale of the gusts [m]."""
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,32 @@ class _Ramp:
         return effectiveness, bias
 
 
+class Gusts:
+    """First-order lateral and vertical gusts.
+
+    Parameters
+    ----------
+    rms : float
+        Of each [m/s].
+    way : float
+        Flown in one step [m].
+    seed : int
+        From 0.
+    """
+
+    def __init__(self, rms: float, way: float, seed: int) -> None:
+        self._rms, self._decay = rms, math.exp(-way / GUST_LENGTH)
+        self._random = np.random.default_rng([_STREAM, seed])
+        self._now = np.zeros(2)
+
+    def step(self) -> tuple[float, float, float]:
+        """Return the gust to the north, to the east and down of the next step [m/s]."""
+        fresh = self._random.standard_normal(2) * self._rms
+        self._now = self._decay * self._now + math.sqrt(1.0 - self._decay**2) * fresh
+        down, east = self._now.tolist()
+        return 0.0, east, down
+
+
 class Aircraft:
     """An aircraft in flight, starting in trim at time 0. The same calls give the same bits.
 
@@ -53,6 +82,8 @@ class Aircraft:
     velocities : str
         What `u`, `v`, `w` of a sample are in turbulence: of the aircraft in the "air", as air data give them, or
         "inertial". In still air they are the same.
+    gusts : float
+        Rms of vertical and of lateral gusts with a length of 150 m [m/s], first-order, whatever the height.
 
     Raises
     ------
@@ -79,6 +110,7 @@ class Aircraft:
         turbulence: str = "none",
         seed: int = 0,
         velocities: str = "air",
+        gusts: float = 0.0,
     ) -> None:
         if isinstance(rate, bool) or not isinstance(rate, int) or not 50 <= rate <= 1000:
             message = f"rate {rate!r}: expected a whole number of steps per second from 50 to 1000"
@@ -92,10 +124,14 @@ class Aircraft:
         if velocities not in ("air", "inertial"):
             message = f"velocities {velocities!r}: expected air or inertial"
             raise PlantError(message)
+        if not (isinstance(gusts, (int, float)) and 0.0 <= gusts <= 30.0):
+            message = f"gusts {gusts!r} m/s: expected a number from 0 to 30"
+            raise PlantError(message)
         self.trim = find_trim(condition)
         self.rate = rate
         self._steps = 0
-        self._air_data = velocities == "air" and TURBULENCE[turbulence] > 0
+        self._air_data = velocities == "air" and (TURBULENCE[turbulence] > 0 or gusts > 0.0)
+        self._gusts = Gusts(gusts, self.trim.airspeed / rate, seed) if gusts else None
         self.airframe = condition.airframe
         self._effectors_from_surfaces = self.airframe.effectors_from_surfaces
         self._model = make_model(condition, rate)
@@ -127,6 +163,8 @@ class Aircraft:
         self._model.command(_checked(command, self.airframe.effectors))
         if self._ramps:
             self._advance_ramps((self._steps + 1) / self.rate)
+        if self._gusts is not None:
+            self._model.blow(self._gusts.step())
         self._model.run()
         self._steps += 1
         psi = self._model.heading()

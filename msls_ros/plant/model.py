@@ -134,6 +134,7 @@ class Model:
         self._set_wind = self._nodes((*_GUST, *_SET_GUST_RATES))
         self._ic_place = self._nodes(_IC_PLACE)
         self._ic_state = self._nodes((*_IC_ATTITUDE, *_IC_VELOCITY, *_IC_RATES))
+        self._blown: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.run = self._fdm.run
         self._start(condition)
 
@@ -178,6 +179,12 @@ class Model:
         self._fdm.set_property_value("atmosphere/turb-type", _TUSTIN)
         self._fdm.set_property_value("atmosphere/turbulence/milspec/severity", severity)
 
+    def blow(self, wind: Sequence[float]) -> None:
+        """Set the speed of the air to the north, to the east, down [m/s], besides the turbulence."""
+        self._blown = tuple(value / FOOT for value in wind)
+        for node, value in zip(self._set_wind, self._blown, strict=False):
+            node.set_double_value(value)
+
     def speed_of_sound(self) -> float:
         """Speed of sound where the model is [m/s]."""
         return float(self._fdm.get_property_value("atmosphere/a-fps")) * FOOT
@@ -189,7 +196,7 @@ class Model:
             throttle=self._throttle[0].get_double_value(),
             effectiveness=tuple(node.get_double_value() for node in self._effectiveness),
             bias=tuple(node.get_double_value() for node in self._bias),
-            wind=tuple(node.get_double_value() for node in self._wind),
+            wind=tuple(node.get_double_value() + add for node, add in zip(self._wind, self._blown, strict=True)),
             wind_rates=tuple(node.get_double_value() for node in self._wind_rates),
         )
 
