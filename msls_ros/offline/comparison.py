@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
+from msls_ros.flights.aircraft_files import DEFAULT, find_aircraft
 from msls_ros.flights.comparison import Comparison, realised_acceleration
 from msls_ros.flights.judging import PEERS
 from msls_ros.flights.watch import Watch
@@ -67,6 +69,15 @@ def compare(
             for t, m in flight.topic("fault")
         ],
     )
+
+
+def airframe_of(bag: str | Path) -> Airframe:
+    """Return what flew, from the summary that the demo leaves beside the bag; where there is none, the F-16/MATV."""
+    try:
+        summary = json.loads((Path(bag).resolve().parent / "summary.json").read_text(encoding="utf-8"))
+        return find_aircraft(str(summary.get("aircraft", DEFAULT))).airframe
+    except (OSError, ValueError, AttributeError):
+        return F16_MATV
 
 
 def _published(models: Sequence[tuple[int, Any]], watch: Watch, of: str = "") -> Array:
