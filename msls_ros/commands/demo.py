@@ -29,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     result = OneLineParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Fly the F-16/MATV, or another aircraft, in closed loop with the identifier, over DDS; record, compare, draw.",
+        description="Fly an aircraft in closed loop with the identifier, over DDS; record, compare, draw.",
         epilog=f"scenarios:\n{listing()}\n\nThey are files in config/scenarios/, where each key is explained.",
     )
     result.add_argument(
@@ -104,7 +104,9 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
     comparison = compare(record.bag, configuration, scenario.watch, scenario.airframe)
     found = {
         "scenario": scenario.name,
-        "aircraft": scenario.aircraft.file if scenario.aircraft.name not in shipped_aircraft() else scenario.aircraft.name,
+        "aircraft": scenario.aircraft.file
+        if scenario.aircraft.name not in shipped_aircraft()
+        else scenario.aircraft.name,
         "description": scenario.description,
         "seed": seed,
         "noise": noise,

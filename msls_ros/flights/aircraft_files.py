@@ -39,7 +39,6 @@ GAINS = ("theta", "phi", "p", "q", "r", "lag", "roll_release")
 UNITS: Mapping[str, float] = MappingProxyType({"rad": 1.0, "deg": math.pi / 180.0})
 
 
-
 @dataclass(frozen=True)
 class AircraftData:
     """An aircraft and where it can fly."""
@@ -150,7 +149,10 @@ def _airframe(top: Section, name: str, model: str) -> Airframe:
             axes=(chosen[0], chosen[1], chosen[2]),
             amplitudes=(sizes[0], sizes[1], sizes[2]),
             pulse=top.number("pulse", 0.05, 20.0, "s", 0.5),
-            station=(station.number("forward", -100.0, 100.0, "m", 0.0), station.number("above", -100.0, 100.0, "m", 0.0)),
+            station=(
+                station.number("forward", -100.0, 100.0, "m", 0.0),
+                station.number("above", -100.0, 100.0, "m", 0.0),
+            ),
             pilot=_pilot(top),
             least_rate=top.whole("rate", 50, 1000, "Hz", 50),
         )

@@ -214,9 +214,7 @@ def fly(
     return log
 
 
-def _step(
-    aircraft: Aircraft, sensors: RealSensors, faults: FaultSchedule, k: int, command: Array, steps: int
-) -> None:
+def _step(aircraft: Aircraft, sensors: RealSensors, faults: FaultSchedule, k: int, command: Array, steps: int) -> None:
     """Fly from a sample to the next."""
     faults.strike(k, aircraft)
     for _ in range(steps):

@@ -1,4 +1,4 @@
-"""YAML of scenarios and aircraft, read strictly: what is wrong is refused in one sentence with file, key, found and expected."""
+"""YAML of scenarios and aircraft, read strictly: one sentence says file, key, what was found and expected."""
 
 from __future__ import annotations
 
@@ -40,9 +40,7 @@ class Section:
         If it is no mapping, or has a key that is not known.
     """
 
-    def __init__(
-        self, file: Path, key: str, values: Any, known: Iterable[str] = (), kind: str = SCENARIO
-    ) -> None:
+    def __init__(self, file: Path, key: str, values: Any, known: Iterable[str] = (), kind: str = SCENARIO) -> None:
         self.file, self.key, self.kind = file, key, kind
         if not isinstance(values, Mapping):
             self.refuse(None, f"is {shown(values)}; expected a section of keys")
@@ -187,6 +185,10 @@ def shown(value: Any) -> str:
     return f"a {type(value).__name__}"
 
 
+LISTED = 40
+"""So many names, at most, are listed in a sentence."""
+
+
 def suggestion(found: object, known: Iterable[str]) -> str:
     """Return the names that would be right, the likely one first where one is."""
     names = tuple(known)
@@ -194,8 +196,8 @@ def suggestion(found: object, known: Iterable[str]) -> str:
         return "a word"
     close = difflib.get_close_matches(found, names, 1) if isinstance(found, str) else []
     if close:
-        return f"'{close[0]}'" if len(names) > 20 else f"'{close[0]}', or another of {', '.join(names)}"
-    return f"one of {', '.join(names)}" if len(names) <= 20 else f"one such as '{names[0]}'"
+        return f"'{close[0]}'" if len(names) > LISTED else f"'{close[0]}', or another of {', '.join(names)}"
+    return f"one of {', '.join(names)}" if len(names) <= LISTED else f"one such as '{names[0]}'"
 
 
 def _is_float(text: str) -> bool:

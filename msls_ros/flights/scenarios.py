@@ -16,15 +16,14 @@ from msls_ros.estimation.configuration import as_mapping
 from msls_ros.flights.aircraft_files import DEFAULT, AircraftData, find_aircraft
 from msls_ros.flights.closed_loop import Flight, Rates
 from msls_ros.flights.scenario_yaml import ScenarioError, Section, load, shown, suggestion
+from msls_ros.flights.sensors_yaml import first_word, read_sensors, rest
 from msls_ros.flights.watch import ROLL_POWER, ROWS, Watch
 from msls_ros.inputs.profiles import config_folder, read_profile
 from msls_ros.plant import (
-    CHANNELS,
     MANOEUVRES,
     NOISE_LEVELS,
     OWN_MODEL,
     STATES,
-    SUITES,
     TURBULENCE,
     Airframe,
     Fault,
@@ -35,7 +34,6 @@ from msls_ros.plant import (
     check_faults,
     parse_manoeuvre,
 )
-from msls_ros.plant.instruments import BY_CHANNEL, FIELDS
 
 __all__ = ["Scenario", "ScenarioError", "find_scenario", "listing", "read_scenario", "shipped", "shipped_names"]
 
@@ -236,7 +234,7 @@ def read_scenario(file: Path) -> Scenario:
         aircraft,
         scale,
         top.number("gusts", 0.0, 30.0, "m/s", 0.0),
-        _read_sensors(top),
+        read_sensors(top),
     )
 
 
@@ -262,47 +260,18 @@ def _read_manoeuvre(top: Section, airframe: Airframe, scale: float) -> str:
     return text
 
 
-def _read_sensors(top: Section) -> Instruments | None:
-    if "sensors" not in top.values:
-        return None
-    section = top.section("sensors", ("suite", *FIELDS))
-    suite = SUITES[section.word("suite", SUITES, "plain")]
-    changes: dict[str, object] = {}
-    for name in section.values:
-        if name in BY_CHANNEL:
-            channels = section.section(name, CHANNELS)
-            changes[name] = tuple((one, channels.number(one, -100.0, 100.0, "")) for one in channels.values)
-        elif name in ("vanes", "differentiated"):
-            changes[name] = section.flag(name, False)
-        elif name == "accelerometer_position":
-            changes[name] = _three(section, name)
-        elif name != "suite":
-            changes[name] = section.number(name, -100.0, 1000.0, "")
-    try:
-        return suite.changed(changes)
-    except PlantError as error:
-        section.refuse(_first_word(error), _rest(error))
-
-
-def _three(section: Section, name: str) -> tuple[float, float, float]:
-    value = section.values[name]
-    if not isinstance(value, list) or len(value) != 3 or not all(isinstance(one, (int, float)) for one in value):
-        section.refuse(name, f"is {shown(value)}; expected three numbers [m]: forward, right, down")
-    return float(value[0]), float(value[1]), float(value[2])
-
-
 def _read_rates(top: Section, airframe: Airframe) -> Rates:
     section = top.section("rates", RATES, {})
     default = Rates()
     values = {name: section.whole(name, 1, 1000, "Hz", getattr(default, name)) for name in RATES}
     least = airframe.least_rate
-    if values["flight_dynamics"] < least:
+    if 50 <= values["flight_dynamics"] < least:
         found = f"is {values['flight_dynamics']} Hz"
         section.refuse("flight_dynamics", f"{found}; expected at least {least}, which {airframe.name} needs")
     try:
         return Rates(**values)
     except PlantError as error:
-        section.refuse(_first_word(error), _rest(error))
+        section.refuse(first_word(error), rest(error))
 
 
 def _read_faults(top: Section, duration: float, period: float, airframe: Airframe) -> tuple[Fault, ...]:
@@ -318,7 +287,7 @@ def _read_faults(top: Section, duration: float, period: float, airframe: Airfram
         try:
             fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias, airframe)
         except PlantError as error:
-            section.refuse(_first_word(error), _rest(error))
+            section.refuse(first_word(error), rest(error))
         last = round(duration / period) - 1
         if fault.sample(period) >= last:
             latest = f"{(last - 1) * period:g} s or less, that a sample of the flight may feel it"
@@ -327,18 +296,8 @@ def _read_faults(top: Section, duration: float, period: float, airframe: Airfram
     try:
         check_faults(faults)
     except PlantError as error:
-        top.refuse(_first_word(error), _rest(error))
+        top.refuse(first_word(error), rest(error))
     return tuple(faults)
-
-
-def _first_word(error: PlantError) -> str:
-    """Return the key that a sentence of the plant begins with."""
-    return str(error).split(" ", 1)[0]
-
-
-def _rest(error: PlantError) -> str:
-    """Return the sentence without the key, as those of the file are."""
-    return "is " + str(error).split(" ", 1)[1].replace(": expected", "; expected", 1)
 
 
 def _read_watch(top: Section, effectors: tuple[str, ...]) -> Watch:
@@ -362,7 +321,9 @@ def _read_identifier(top: Section, airframe: Airframe) -> tuple[str, dict[str, d
         section.wrap("profile", error)
     if base.states != STATES or base.effectors != airframe.effectors:
         names = " ".join((*base.states, *base.effectors))
-        section.refuse("profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *airframe.effectors))}")
+        section.refuse(
+            "profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *airframe.effectors))}"
+        )
     parameters = {}
     for level in section.section("parameters", NOISE_LEVELS, {}).values:
         changes = section.section("parameters").section(level)

@@ -11,9 +11,9 @@ from msls_msgs.msg import EffectorCommand, StateSample
 from rclpy.node import Node
 
 from msls_ros import messages
-from msls_ros.inputs import NamedVector, Refused
 from msls_ros.flights.aircraft_files import DEFAULT
 from msls_ros.flights.closed_loop import still_air
+from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.plant import chosen_condition
 from msls_ros.nodes.quality import INPUT, OUTPUT

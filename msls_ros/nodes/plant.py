@@ -1,4 +1,4 @@
-"""The plant node: a simulated aircraft, the F-16/MATV or another, in lockstep with those who answer its samples, or in real time."""
+"""The plant node: a simulated aircraft, in lockstep with those who answer its samples, or in real time."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ PARAMETERS = {
     "gusts": fixed(0.0, "rms of first-order gusts besides the turbulence", unit="m/s", low=0.0, high=30.0),
     "sensors": fixed(
         [],
-        "sensors as on real aircraft, one line each: 'suite=flight_test', 'delay=0.02', 'white.P=0.001'; none: noise alone",
+        "sensors as on real aircraft, one line each: 'suite=flight_test', 'delay=0.02', 'white.P=0.001'",
         unit="",
     ),
     "seed": fixed(0, "seed of sensor noise and turbulence", low=0, high=2**31 - 1),

@@ -21,9 +21,7 @@ from msls_ros.plant import F16_MATV, STATES, Airframe
 Array = NDArray[np.float64]
 
 
-def compare(
-    bag: str | Path, configuration: Configuration, watch: Watch, airframe: Airframe = F16_MATV
-) -> Comparison:
+def compare(bag: str | Path, configuration: Configuration, watch: Watch, airframe: Airframe = F16_MATV) -> Comparison:
     """Read a recorded flight of the demo and identify it again with the peers.
 
     Parameters

@@ -135,7 +135,7 @@ class Aircraft:
         self.airframe = condition.airframe
         self._effectors_from_surfaces = self.airframe.effectors_from_surfaces
         self._model = make_model(condition, rate)
-        self._model.begin(self.trim)
+        self._model.begin(self.trim.x, self.trim.delta, self.trim.throttle, self.trim.place)
         if TURBULENCE[turbulence]:
             self._model.stir(TURBULENCE[turbulence], seed)
         self._psi = float(self.trim.x[_PSI])
@@ -158,7 +158,8 @@ class Aircraft:
         Raises
         ------
         PlantError
-            If the command is not a finite number of each effector; the flight is then untouched. If the flight has diverged.
+            If the command is not a finite number of each effector; the flight is then untouched. If the flight has
+            diverged.
         """
         self._model.command(_checked(command, self.airframe.effectors))
         if self._ramps:

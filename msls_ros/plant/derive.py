@@ -29,8 +29,10 @@ from msls_ros.plant.airframe import turn_air
 from msls_ros.plant.definition import Airframe, Surface
 from msls_ros.plant.interface import PlantError
 
-NATIVE = ("aero", "velocities", "attitude", "position", "metrics", "inertia", "propulsion", "atmosphere")
-NATIVE += ("accelerations", "forces", "moments", "simulation", "ic", "environment", "wind", "surfaces")
+NATIVE = (
+    *("aero", "velocities", "attitude", "position", "metrics", "inertia", "propulsion", "atmosphere"),
+    *("accelerations", "forces", "moments", "simulation", "ic", "environment", "wind", "surfaces"),
+)
 """First words of the properties that the ideal form has by itself."""
 IMPLICIT = ("aero/alphadot-rad_sec", "aero/betadot-rad_sec")
 """What the aerodynamics may read of the accelerations that they cause."""

@@ -218,7 +218,7 @@ class RealSensors:
 
     def _read(self, s: Sample) -> Array:
         """Return what the instruments say, the deflections last, before these are quantised."""
-        u, v, w, p, q, r, phi, theta, _psi = s.x.tolist()
+        u, v, w, _, q, r, phi, theta, _ = s.x.tolist()
         ahead = self._of.vane_position
         air = [math.sqrt(u * u + v * v + w * w), math.atan2(w - ahead * q, u)]
         air.append(math.asin(max(-1.0, min(1.0, (v + ahead * r) / max(air[0], 1e-3)))))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import jsbsim
 import numpy as np
@@ -13,9 +12,6 @@ import numpy as np
 from msls_ros.plant import airframe
 from msls_ros.plant.conditions import FlightCondition
 from msls_ros.plant.interface import Array, PlantError
-
-if TYPE_CHECKING:
-    from msls_ros.plant.trim import Trim
 
 FOOT = 0.3048
 _X = (
@@ -230,11 +226,11 @@ class Model:
         self._initialise()
         self._fdm.set_trim_status(False)
 
-    def begin(self, trim: Trim) -> None:
-        """Stand in the trim, ready to fly."""
+    def begin(self, x: Array, delta: Array, throttle: float, place: tuple[float, float]) -> None:
+        """Stand in the trim, ready to fly: states, deflections, throttle and place of a `Trim`."""
         m = len(self._positions)
-        self.surround(Surroundings(trim.place, trim.throttle, (1.0,) * m, (0.0,) * m))
-        self.put(trim.x.tolist(), trim.delta.tolist())
+        self.surround(Surroundings(place, throttle, (1.0,) * m, (0.0,) * m))
+        self.put(x.tolist(), delta.tolist())
 
     def respond(self, delta: Sequence[float]) -> None:
         """Compute the forces with other effector commands (m,) [rad] where the last `put` was, at half its price."""

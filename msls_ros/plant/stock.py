@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from functools import cache
-from typing import TYPE_CHECKING
 
 import jsbsim
 import numpy as np
@@ -15,10 +13,7 @@ from msls_ros.plant.airframe import Node
 from msls_ros.plant.conditions import FlightCondition
 from msls_ros.plant.definition import OWN_MODEL
 from msls_ros.plant.interface import Array, PlantError
-from msls_ros.plant.model import FOOT, SI, Model, Surroundings
-
-if TYPE_CHECKING:
-    from msls_ros.plant.trim import Trim
+from msls_ros.plant.model import FOOT, Model, Surroundings
 
 _KNOT_FPS = 1852.0 / 0.3048 / 3600.0
 _FULL_TRIM = 1
@@ -96,12 +91,12 @@ class StockModel(Model):
             message = f"{what}: {left:.3g} m/s^2 or rad/s^2 remain, expected less than {_ACCEPTED:g}"
             raise PlantError(message)
 
-    def begin(self, trim: Trim) -> None:
-        """Fly on from the trim: what is commanded there leaves the flight controls as they are."""
+    def begin(self, x: Array, delta: Array, throttle: float, place: tuple[float, float]) -> None:
+        """Fly on from the trim, where it stands: what is commanded there leaves the flight controls as they are."""
         airframe = self._condition.airframe
-        for node, value in zip(self._trims, np.dot(airframe.mixing, trim.delta).tolist(), strict=True):
+        for node, value in zip(self._trims, np.dot(airframe.mixing, delta).tolist(), strict=True):
             node.set_double_value(value)
-        self.command(trim.delta.tolist())
+        self.command(delta.tolist())
 
     def surroundings(self) -> Surroundings:
         """Return what the accelerations depend on now, besides states and effectors."""
@@ -201,8 +196,9 @@ class StockModel(Model):
 
 def _level(condition: FlightCondition) -> tuple[tuple[str, float], ...]:
     """Return the initial condition as JSBSim's properties."""
-    speed = ("ic/mach", condition.mach)
-    if condition.airspeed is not None:
+    if condition.airspeed is None:
+        speed = ("ic/mach", condition.mach or math.nan)
+    else:
         speed = ("ic/vc-kts", condition.airspeed / FOOT / _KNOT_FPS)
     return ("ic/h-sl-ft", condition.altitude / FOOT), speed, ("ic/gamma-deg", math.degrees(condition.gamma))
 

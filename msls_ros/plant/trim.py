@@ -11,8 +11,8 @@ import numpy as np
 
 from msls_ros.plant.airframe import ACTUATORS
 from msls_ros.plant.conditions import FlightCondition
-from msls_ros.plant.interface import Array, PlantError
 from msls_ros.plant.definition import OWN_MODEL
+from msls_ros.plant.interface import Array, PlantError
 from msls_ros.plant.model import FOOT, Model, Surroundings
 from msls_ros.plant.stock import StockModel
 

@@ -1,8 +1,8 @@
 """The true A(t) and B(t): central differences of the equations of motion about the present instant.
 
 A second model, the twin, is put at the state, deflections, throttle and damage of the flying one and moved a
-little in each of its 9 states and its effectors (eq 24). Its actuators are ideal, so a command is a deflection. It never
-integrates, and the flying model is only read.
+little in each of its 9 states and its effectors (eq 24). Its actuators are ideal, so a command is a deflection, and a
+stability augmentation does not answer. It never integrates, and the flying model is only read.
 """
 
 from __future__ import annotations
