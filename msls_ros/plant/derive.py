@@ -184,7 +184,6 @@ def _divert(airframe: Airframe, surface: Surface, aerodynamics: ET.Element) -> N
             found += 1
         elif surface.magnitude and name == surface.magnitude:
             element.text = f"surfaces/{surface.name}-felt-mag"
-            found += 1
     if not found:
         read = sorted({name for name in _read_names(aerodynamics) if name.startswith("fcs/")})
         message = (
