@@ -1,4 +1,4 @@
-"""Aircraft as data: what ships is read, the F-16/MATV is the one of the plant, and what is wrong is said in a sentence."""
+"""Aircraft as data: what ships is read, the F-16/MATV is the plant's, and what is wrong is said in a sentence."""
 
 from __future__ import annotations
 

@@ -84,7 +84,7 @@ def estimators() -> dict[str, Any]:
 def knowledge(flight: Flown, estimator: Any) -> dict[str, np.ndarray]:
     """Each equation's estimate where the free response after its input ends: there knowledge has been lost."""
     ends = {row: int(np.searchsorted(flight.time, end)) - 1 for row, (_, end) in SEGMENTS.items()}
-    found = {}
+    found: dict[str, np.ndarray] = {}
     for k in range(len(flight.time)):
         estimator.update(flight.phi[k], flight.y[k])
         found |= {row: estimator.theta[ROWS.index(row)].copy() for row, end in ends.items() if end == k}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import jsbsim
 import numpy as np
@@ -66,7 +67,7 @@ def test_an_intact_aircraft_without_commands_is_the_original(name: str) -> None:
 
 @pytest.mark.parametrize("name", OTHERS)
 def test_truth_is_the_difference_of_two_flights_within_two_percent(name: str) -> None:
-    """Two flights part at one input: what parts their derivatives is A and B times what parts states and deflections."""
+    """Two flights part at an input: the gap of their derivatives is A and B times that of states and deflections."""
     airframe = condition(name).airframe
     for effector in airframe.effectors:
         offset = np.zeros(len(airframe.effectors))
@@ -194,14 +195,15 @@ def test_a_condition_that_cannot_be_flown_is_refused_in_one_sentence(case: str) 
 
 def test_what_the_model_lacks_is_refused_in_one_sentence() -> None:
     base = condition("c172x")
-    surfaces = (dataclasses.replace(base.airframe.surfaces[0], position="fcs/elevator-pos-radd"),)
-    surfaces += base.airframe.surfaces[1:]
-    for changes, expected in (
+    first, *others = base.airframe.surfaces
+    surfaces = (dataclasses.replace(first, position="fcs/elevator-pos-radd"), *others)
+    cases: list[tuple[dict[str, Any], str]] = [
         ({"surfaces": surfaces}, "do not read 'fcs/elevator-pos-radd'; expected one of"),
         ({"model": "c172y"}, "model 'c172y' is not among those that ship with JSBSim"),
         ({"least_rate": 200}, "rate 100 Hz: c172x needs at least 200 steps per second"),
-    ):
-        airframe = dataclasses.replace(base.airframe, **changes)  # type: ignore[arg-type]
+    ]
+    for changes, expected in cases:
+        airframe = dataclasses.replace(base.airframe, **changes)
         with pytest.raises(PlantError) as caught:
             Aircraft(dataclasses.replace(base, airframe=airframe))
         assert expected in str(caught.value)
