@@ -20,7 +20,7 @@ from __future__ import annotations
 import itertools
 import os
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -229,9 +229,7 @@ class IdentifierBench:
         self.events: list[FaultEvent] = bench.listen(FaultEvent, "fault")
         self.dithers: list[DitherCommand] = bench.listen(DitherCommand, "dither")
 
-    def feed(
-        self, time: Sequence[float] | ArrayLike, x: ArrayLike, xdot: ArrayLike, delta: ArrayLike, first: int = 1
-    ) -> None:
+    def feed(self, time: ArrayLike, x: ArrayLike, xdot: ArrayLike, delta: ArrayLike, first: float = 1.0) -> None:
         """Publish samples and wait until each has been answered by a dither.
 
         Parameters

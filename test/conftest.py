@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from msls_ros.testing import Bench
+from msls_ros.testing import PATIENCE, Bench
 
 
 @pytest.fixture
@@ -60,17 +60,22 @@ def scheduler(start: Start) -> str:
     from distributed import Client
 
     start("scheduler", "--port", address.rpartition(":")[2])
-    with Client(address, timeout=60, set_as_default=False):
+    with Client(address, timeout=PATIENCE, set_as_default=False):
         return address
 
 
 @pytest.fixture
 def worker(start: Start, scheduler: str) -> Iterator[Callable[..., int]]:
-    """Start workers; they end with the test."""
+    """Start workers, each known to the scheduler when its process is returned; they end with the test."""
+    from distributed import Client
+
     processes: list[subprocess.Popen[bytes]] = []
 
     def begin(**how: str) -> int:
-        processes.append(start("worker", scheduler, "--nthreads", "1", "--no-nanny", **how))
+        with Client(scheduler, timeout=PATIENCE, set_as_default=False) as client:
+            known = len(client.nthreads())
+            processes.append(start("worker", scheduler, "--nthreads", "1", "--no-nanny", **how))
+            client.wait_for_workers(known + 1, timeout=PATIENCE)
         return processes[-1].pid
 
     yield begin

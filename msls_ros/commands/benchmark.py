@@ -1,4 +1,4 @@
-"""`benchmark`: beside C and peers: time per update, ill-conditioned stream, replay of a bag; flights of a campaign."""
+"""`benchmark`: Compare with C and peers: time per update, ill-conditioned stream; replay of a bag, flights."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ def parser() -> argparse.ArgumentParser:
     commands = result.add_subparsers(dest="command", required=True, metavar="COMMAND")
     kernel = commands.add_parser("kernel", help="time per update at p = 17, 9 rows and p = 8, 3 rows, one thread")
     kernel.add_argument("--rounds", type=count, default=25, help="how often each is timed (default: 25)")
-    stress = commands.add_parser("stress", help="two regressors almost alike: first NaN and peak error")
+    stress = commands.add_parser("stress", help="two nearly collinear regressors: first NaN and peak error")
     stress.add_argument("--samples", type=count, default=100_000, help="length of the stream (default: 100000)")
-    replay = commands.add_parser("replay", help="offline identification from a bag beside what reading alone costs")
+    replay = commands.add_parser("replay", help="offline identification of a bag against reading it alone")
     replay.add_argument("--samples", type=count, default=300_000, help="length of the bag (default: 300000)")
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
-    campaign = commands.add_parser("campaign", help="flights of a campaign: x real time per core")
+    campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
     for command in (kernel, stress, replay, campaign):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")

@@ -1,4 +1,4 @@
-"""The command line of a node: ``--help`` tells what it does and its parameters; all else goes to ROS."""
+"""The command line of a node: ``--help`` prints what it does and its parameters; everything else goes to ROS."""
 
 from __future__ import annotations
 
