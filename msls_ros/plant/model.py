@@ -267,6 +267,14 @@ class Model:
         """Time derivatives of the states (9,) in units of the model; times `SI` they are `derivative`."""
         return [node.get_double_value() for node in self._xdot]
 
+    def velocity(self) -> Array:
+        """Velocity against the air (3,) [m/s]."""
+        return self.air_relative()[:3]
+
+    def consistent(self, readings: Array, _velocities: Array) -> Array:
+        """Return derivatives that agree with the rates of incidence: here nothing reads these."""
+        return readings
+
     def air_relative(self) -> Array:
         """Body velocities and rates relative to the air (6,) [m/s, rad/s]."""
         values: Array = np.array([node.get_double_value() for node in self._air_relative]) * SI[:6]

@@ -64,7 +64,10 @@ class Twin:
         for near in _neighbours(delta, steps[len(x) :]):
             self._model.respond(near)
             moved.append(self._model.readings())
-        there = np.array(moved) * SI
+        velocities = np.tile(self._model.velocity() / FOOT, (len(moved), 1))
+        for i in range(6):
+            velocities[i, i // 2] += (1.0, -1.0)[i % 2]
+        there = self._model.consistent(np.array(moved), velocities) * SI
         jacobian = (there[0::2] - there[1::2]).T / (2.0 * np.array(steps))
         a, b = jacobian[:, : len(STATES)].copy(), jacobian[:, len(STATES) :].copy()
         bias = xdot - (a * sample.x).sum(axis=1) - (b * sample.delta).sum(axis=1)
