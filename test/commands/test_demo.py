@@ -306,7 +306,7 @@ def test_another_aircraft_flies_is_judged_replayed_and_reported(
     assert not summary["refused"] and summary["time_outs"] == 0
     replayed = tmp_path / "replayed"
     assert replay.main([str(out / "bag"), "--out", str(replayed)]) == 0
-    first, again = (decoded(bag)["/model"] for bag in (out / "bag", replayed))
+    first, again = (decoded(bag)["/model"] for bag in (out / "bag", replayed / "bag"))
     assert len(first) == len(again) > 300
     assert all(one == other for one, other in zip(first, again, strict=True))
     assert report.main([str(out / "bag"), "--out", str(tmp_path / "page"), "--json"]) == 0
