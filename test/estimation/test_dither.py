@@ -23,6 +23,8 @@ LIMITED = {
     "dither.rate_limit": [1.0, 2.0, 1.0, 1.4, 1.4, 0.8, 0.8],
     "dither.position_low": [-0.4] * M,
     "dither.position_high": [0.4] * M,
+    "dither.acceleration": "rms",
+    "dither.allocation": "information",
 }
 LITERAL = {"acceleration": "worst_case", "allocation": "equal"}
 ROWS = np.arange(6)
