@@ -33,6 +33,8 @@ from msls_ros.bags.serde import serialize
 
 FLUSH_INTERVAL_S = 0.5
 _STAMP_LIMIT = 1 << 63
+LAST_STAMP = _STAMP_LIMIT - 1
+"""The largest log time that a bag can hold [ns]."""
 _OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|^identifier\.yaml$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
 
 
@@ -66,7 +68,7 @@ class BagWriter:
         extra = list(definition_paths)
         self._definitions = Definitions(extra) if extra else default_definitions()
         self._make_directory(overwrite)
-        self.file = self.path / f"{self.path.resolve().name}_0.mcap"
+        self.file = self.path / f"{_utf8_name(self.path)}_0.mcap"
         try:
             self._stream = self.file.open("xb")
         except OSError as error:
@@ -355,6 +357,12 @@ def remove_bag(path: Path) -> None:
     for file in files:
         file.unlink()
     path.rmdir()
+
+
+def _utf8_name(path: Path) -> str:
+    """Give the name of a folder, as it can stand in the metadata."""
+    name = path.resolve().name
+    return name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _unwritable(path: Path, error: OSError) -> BagError:

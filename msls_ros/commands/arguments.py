@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import NoReturn
 
 
@@ -33,6 +34,12 @@ def add_fleet(parser: argparse.ArgumentParser) -> None:
         metavar="ADDRESS",
         help="run on the workers of this Dask scheduler (tcp://HOST:PORT); files have the same paths there",
     )
+
+
+def print_text(text: str) -> None:
+    """Print on stdout; what its encoding lacks (a file name of other bytes) is escaped."""
+    encoding = sys.stdout.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _whole(text: str, low: int, high: int | None, what: str) -> int:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.bags import BagError
-from msls_ros.commands.arguments import OneLineParser, add_fleet, count
+from msls_ros.commands.arguments import OneLineParser, add_fleet, count, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import Done, FleetError, run
@@ -101,7 +101,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(ordered, indent=2))
     elif len(ordered) > 1:
-        print(table(ordered))
+        print_text(table(ordered))
     return 2 if any(not result.get("samples") for result in ordered) else 0
 
 
@@ -137,7 +137,7 @@ def _tell(result: dict[str, Any], quiet: bool) -> None:
     for warning in result["warnings"]:
         print(f"replay: warning: {warning}", file=sys.stderr)
     if not quiet:
-        print(describe(result))
+        print_text(describe(result))
 
 
 def _expand(patterns: Sequence[str]) -> list[Path]:
