@@ -349,14 +349,39 @@ def remove_bag(path: Path) -> None:
     OSError
         A file cannot be deleted.
     """
+    for file in _files(path):
+        file.unlink()
+    path.rmdir()
+
+
+def check_replaceable(path: Path) -> None:
+    """Refuse to replace what is more than a bag.
+
+    Parameters
+    ----------
+    path : Path
+        A bag directory, or nothing.
+
+    Raises
+    ------
+    BagError
+        It holds anything that is not of a bag, or cannot be read.
+    """
+    try:
+        if path.is_dir():
+            _files(path)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _files(path: Path) -> list[Path]:
+    """Give the files of a bag directory that holds nothing else."""
     files = list(path.iterdir())
     strange = [file.name for file in files if file.is_dir() or not _OF_A_BAG.search(file.name)]
     if strange:
         msg = f"{path}: not replaced, it holds more than a bag ({strange[0]})"
         raise BagError(msg)
-    for file in files:
-        file.unlink()
-    path.rmdir()
+    return files
 
 
 def _utf8_name(path: Path) -> str:

@@ -116,6 +116,24 @@ def default_folder(bag: Path) -> Path:
     return whole.parent / ("report" if name == "bag" else f"{name}_report")
 
 
+def remove_report(folder: Path) -> None:
+    """Take away a report and its figures; whatever else is in the folder stays.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be deleted.
+    """
+    if not (folder / PAGE).is_file():
+        return
+    from msls_ros.report.flight_report import FIGURES
+
+    for path in [folder / PAGE, *(folder / f"{name}.png" for name in FIGURES)]:
+        path.unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
 def _make_folder(out: Path) -> None:
     """Make the folder before anything is drawn for it."""
     try:

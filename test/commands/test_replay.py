@@ -88,6 +88,32 @@ def test_interrupted_the_command_says_so_and_leaves_a_whole_bag(
     assert len(list(left)) > 50 and left.warnings == []
 
 
+@pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError, "no samples"])
+def test_a_replay_that_fails_leaves_the_earlier_one(
+    ending: type[BaseException] | str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = tmp_path / "out"
+    assert run(capsys, BAGS / "tail_fault", "--out", out)[0] == 0
+    before = {file.name: file.read_bytes() for file in (out / "tail_fault").iterdir()}
+    original = SampleSource.segments
+
+    def failing(self: SampleSource, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        if isinstance(ending, str):
+            return
+        yield from original(self, batch[:400])
+        raise ending("full")
+
+    monkeypatch.setattr(SampleSource, "segments", failing)
+    code, _, err = run(capsys, BAGS / "tail_fault", "--out", out, "--overwrite")
+    assert code == (130 if ending is KeyboardInterrupt else 2)
+    assert err and ("as it was" in err[-1] or "full" in err[-1]), err
+    assert {file.name: file.read_bytes() for file in (out / "tail_fault").iterdir()} == before
+    assert [folder.name for folder in out.iterdir()] == ["tail_fault"]
+
+
 WRONG = {
     "a topic is missing": (lambda m: [x for x in m if x.topic == "/state"], ["no topic effectors", EFFECTORS]),
     "a topic has another type": (
