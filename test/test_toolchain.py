@@ -118,7 +118,7 @@ def test_without_a_network_one_line_says_so(
     with (tmp_path / "lock").open("w") as lock:
         monkeypatch.setattr(script.Turn, "descriptor", lock.fileno())
         with pytest.raises(
-            script.SetupError, match="^no network, or an index without the packages: pip failed"
+            script.SetupError, match=r"^no network, or an index without the packages: pip failed"
         ) as caught:
             script.run_logged([sys.executable, "-c", code], dict(os.environ), "pip")
     assert caught.value.output == ""

@@ -32,7 +32,9 @@ def add_fleet(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="run on the workers of this Dask scheduler (tcp://HOST:PORT); files have the same paths there",
+        help="run on the workers of this Dask scheduler (tcp://HOST:PORT, or tls://HOST:PORT with Dask's own settings "
+        "for TLS); files have the same paths there. Trust it: whoever reaches its port can run any code on its workers "
+        "and here (pickle)",
     )
 
 
