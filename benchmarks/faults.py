@@ -273,14 +273,16 @@ def _sql(blob: bytes, place: int, rng: random.Random) -> bytes:
     """Change a database by its own means, where it is one."""
     if not blob.startswith(b"SQLite"):
         return blob[:place] + blob[place + 1 :]
-    with sqlite3.connect(":memory:") as connection:
-        try:
-            connection.deserialize(blob)
-            connection.execute(rng.choice(SQL))
-            connection.commit()
-            return bytes(connection.serialize())
-        except (sqlite3.Error, AttributeError):  # Python 3.10 cannot
-            return blob[:place]
+    connection = sqlite3.connect(":memory:")
+    try:
+        connection.deserialize(blob)
+        connection.execute(rng.choice(SQL))
+        connection.commit()
+        return bytes(connection.serialize())
+    except (sqlite3.Error, AttributeError):  # Python 3.10 cannot
+        return blob[:place]
+    finally:
+        connection.close()
 
 
 SQL = (
