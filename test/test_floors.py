@@ -51,7 +51,7 @@ OWN = {
     "offline": set[str](),
     "paper": set[str](),
     "nodes": ROS,
-    "commands": {"tqdm", "rclpy"},
+    "commands": {"tqdm", "rclpy", "rich"},
 }
 """Packages that each room imports besides numpy and the standard library."""
 GROUND = [room for room, below in BELOW.items() if not below]

@@ -20,6 +20,30 @@ class YamlError(Exception):
     """A text is no YAML, or more than is read."""
 
 
+def check(text: str, limit: int) -> None:
+    """Refuse a YAML text that is too much for any reader.
+
+    Parameters
+    ----------
+    text : str
+        YAML.
+    limit : int
+        How long it may be [characters].
+
+    Raises
+    ------
+    YamlError
+        It is not YAML, or too long, too deep, or unfolds to too much.
+    """
+    _check_length(text, limit)
+    try:
+        _check(text)
+    except YamlError:
+        raise
+    except Exception as error:
+        raise _unreadable(error) from error
+
+
 def load(text: str, limit: int) -> Any:
     """Read a YAML text of a bag.
 
@@ -40,9 +64,7 @@ def load(text: str, limit: int) -> Any:
     YamlError
         It is not YAML, or too long, too deep, or unfolds to too much.
     """
-    if len(text) > limit:
-        msg = f"{len(text)} characters; expected at most {limit}"
-        raise YamlError(msg)
+    _check_length(text, limit)
     try:
         if "&" in text or "*" in text or text.count("[") + text.count("{") > _PLAIN_BRACKETS:
             _check(text)
@@ -50,9 +72,18 @@ def load(text: str, limit: int) -> Any:
     except YamlError:
         raise
     except Exception as error:  # of odd scalars it raises nearly everything there is
-        lines = str(error).splitlines() or [type(error).__name__]
-        msg = f"not readable as YAML: {lines[0]}"
-        raise YamlError(msg) from error
+        raise _unreadable(error) from error
+
+
+def _unreadable(error: Exception) -> YamlError:
+    lines = str(error).splitlines() or [type(error).__name__]
+    return YamlError(f"not readable as YAML: {lines[0]}")
+
+
+def _check_length(text: str, limit: int) -> None:
+    if len(text) > limit:
+        msg = f"more than {limit} characters"
+        raise YamlError(msg)
 
 
 def _check(text: str) -> None:

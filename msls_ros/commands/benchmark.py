@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C and peers: time per update, ill-conditioned stream; replay of a bag, flights, damage."""
+"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency; damage."""
 
 from __future__ import annotations
 
@@ -33,7 +33,11 @@ def parser() -> argparse.ArgumentParser:
     faults = commands.add_parser("faults", help="damaged bags of every format read and repaired: what was lost")
     faults.add_argument("--bags", type=count, default=2000, help="how many damaged copies (default: 2000)")
     faults.add_argument("--seed", type=seed, default=0, help="of the damage (default: 0)")
-    for command in (kernel, stress, replay, campaign, faults):
+    latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
+    latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
+    latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
+    latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
+    for command in (kernel, stress, replay, campaign, latency, faults):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -47,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
-    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign, "faults": _faults}
+    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
+    measures |= {"latency": _latency, "faults": _faults}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -113,6 +118,39 @@ def format_faults(rows: Sequence[dict[str, Any]]) -> str:
     totals = "".join(f"{sum(row[name] for row in rows):>9}" for name in columns)
     lines.append(f"{'all':36}{totals}{max(row['slowest_s'] for row in rows):>11.2f}")
     return "\n".join([*lines, *(f"{row['kind']}: {text}" for row in rows for text in row.get("examples", []))])
+
+
+def _latency(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.latency")
+    result = module.measure(arguments.rates, arguments.seconds, arguments.rounds, _say)
+    if not arguments.json:
+        print(format_latency(result))
+    return result
+
+
+def format_latency(result: dict[str, Any]) -> str:
+    """Return the latencies as text."""
+    pinned = "each on a core of its own" if result["pinned"] else "on one core"
+    lines = [
+        f"\nstate in to dither (model) out [ms], processor share; medians of {result['rounds']} rounds of "
+        f"{result['seconds']:g} s; probe and measured {pinned}",
+        f"{'Hz':>6} {'':11}{'p50':>15}{'p99':>15}{'p99.9':>15}{'max':>8}{'CPU':>7}{'MB':>7}{'lost':>6}",
+    ]
+    for row in result["rates"]:
+        for who in ("relay", "identifier"):
+            one = row[who]
+            cells = [f"{one['dither'][n]:.2f} ({one['model'][n]:.2f})" for n in ("p50", "p99", "p99.9")]
+            lines.append(
+                f"{row['rate']:>6g} {who:11}"
+                + "".join(f"{cell:>15}" for cell in cells)
+                + f"{one['dither']['max']:8.1f}"
+                f"{100 * one['cpu']:6.1f}%{one['memory']:7.0f}{one['lost']:>6}"
+            )
+        ratios = row["ratios"]
+        cells = [f"{ratios[n]:.2f}" for n in ("p50", "p99", "p99.9")]
+        lines.append(f"{'':6} {'ratio':11}" + "".join(f"{cell:>15}" for cell in cells) + f"{ratios['cpu']:15.2f}")
+    best = [f"{who} {result.get(f'lossless_{who}', 0):g} Hz" for who in ("relay", "identifier")]
+    return "\n".join([*lines, f"highest rate without loss: {', '.join(best)}"])
 
 
 def format_campaign(result: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.bags import BagError
-from msls_ros.commands.arguments import OneLineParser
+from msls_ros.commands.arguments import OneLineParser, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.offline.report_data import gather
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:
-        print("\n".join([*summary["headline"], "", f"written: {summary['report']}"]))
+        print_text("\n".join([*summary["headline"], "", f"written: {summary['report']}"]))
         print(f"         {len(summary['figures'])} figures (PNG) beside it")
     return 0
 

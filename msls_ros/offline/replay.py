@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from msls_ros import bags
 from msls_ros.bags import HELD, BagError, BagMessage, BagReader, BagWriter, replacing
+from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Synchronizer
 from msls_ros.inputs.profiles import render_profile
@@ -26,6 +27,8 @@ from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_to
 Array = NDArray[np.float64]
 PARAMETERS = "identifier.yaml"
 """The identifier's parameters, kept in the bag's folder."""
+_MOST = 1 << 16
+"""Characters of it."""
 
 
 def keep_parameters(bag: Path, configuration: Configuration, file: Path | None = None) -> None:
@@ -43,13 +46,19 @@ def kept_parameters(bag: Path) -> Path:
     Raises
     ------
     BagError
-        If there is none, or no bag.
+        If there is none, or no bag; or if it came with a bag and is more YAML than parameters are.
     """
     path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
     if not path.is_file():
         BagReader(bag)
         message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
         raise BagError(message)
+    try:
+        with path.open(encoding="utf-8") as stream:
+            check(stream.read(_MOST + 1), _MOST)
+    except (YamlError, OSError, ValueError) as error:
+        message = f"{path}: not the parameters of a flight: {error}; give --params"
+        raise BagError(message) from error
     return path
 
 
@@ -121,7 +130,7 @@ def replay(
     EstimationError
         If the inputs do not give the states and deflections of the configuration.
     """
-    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    gate = Synchronizer.of(configuration)
     opened = _open(bag, configuration, options, gate)
     with replacing(out) if options.overwrite else nullcontext((out, lambda: None)) as (place, take_place):
         result = _write(opened, place, configuration, options, gate, progress)
@@ -284,7 +293,7 @@ def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Sync
     BagError
         If the bag cannot be used at all, or holds not one sample.
     """
-    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    gate = Synchronizer.of(configuration)
     reader, source, _ = _open(Path(bag), configuration, ReplayOptions(), gate)
     blocks = [b for batch in ordered_batches(reader, source.topics, source.longest_run) for b in source.segments(batch)]
     blocks += source.rest()
