@@ -141,7 +141,7 @@ def read_index(stream: BinaryIO, size: int) -> Index:
         _take_all(summary, index)
     except (struct.error, ValueError):
         return Index(problem="damaged")
-    index.chunks.sort()
+    index.chunks = sorted(place for place in index.chunks if place < start)
     return index
 
 

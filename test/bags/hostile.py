@@ -13,7 +13,7 @@ from typing import TypeVar
 import lz4.frame  # type: ignore[import-untyped]
 import zstandard
 
-from msls_ros.bags.mcap_write import MAGIC
+from msls_ros.bags.mcap_write import MAGIC as MAGIC
 
 T = TypeVar("T")
 MIB = 1 << 20

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 import zstandard
 from bags.hostile import (
+    MAGIC,
     METADATA,
     MIB,
     channel,
@@ -19,6 +20,7 @@ from bags.hostile import (
     mcap_of_type,
     message,
     peak,
+    record,
     ros1_bomb,
     schema,
     zeros,
@@ -295,6 +297,18 @@ def test_a_byte_that_is_no_utf8_in_a_definition_costs_nothing(tmp_path: Path) ->
     path.write_bytes(mcap(chunk(b"".join([*said, message(1, 7, b"1234"), message(1, 8, b"5678")]))))
     reader = read(path)
     assert [m.data for m in reader] == [b"1234", b"5678"] and reader.warnings == [] and not reader.lost
+
+
+def test_an_index_that_names_places_behind_the_file_is_not_followed(tmp_path: Path) -> None:
+    """Found by coverage-guided fuzzing: such a place cannot even be sought."""
+    path = tmp_path / "t.mcap"
+    described = [schema(1, b"std_msgs/msg/String", b"string data"), channel(1, 1, b"/t"), message(1, 7, b"1234")]
+    begin = mcap(*described, b"\0" * 9)[:-ENDING]
+    index = record(8, bytes(16) + (1 << 63).to_bytes(8, "little") + bytes(40))
+    footer = record(2, len(begin).to_bytes(8, "little") + bytes(12))
+    path.write_bytes(begin + index + footer + MAGIC)
+    reader = read(path)
+    assert [m.data for m in reader] == [b"1234"] and len(reader.warnings) == 1
 
 
 @pytest.mark.parametrize("bad", ["schema", "channel"])
