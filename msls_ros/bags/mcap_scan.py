@@ -80,6 +80,7 @@ class McapScanner:
         if size is not None and not isinstance(stream, CountedStream):
             self._index = read_index(stream, size)
             stream.seek(0)
+        self._chunks = frozenset(self._index.chunks)
         self._registry = self._index.registry
         if self._read(len(MAGIC)) != MAGIC:
             msg = f"{path}: not an MCAP file; expected its magic bytes at the start"
@@ -176,6 +177,9 @@ class McapScanner:
         left = None if self._size is None else self._size - start - _RECORD.size
         if not (0 < opcode <= _LAST_OPCODE or opcode >= 0x80):
             what = f"is no record (opcode {opcode})"
+            raise _Damage(what)
+        if opcode != _CHUNK and start in self._chunks:
+            what = "is no chunk, but the index says so"
             raise _Damage(what)
         if opcode == _CHUNK:
             yield from self._chunk(length, left, wanted)

@@ -72,11 +72,11 @@ class Ros1Scanner:
             msg = f"{path}: not a ROS 1 bag; expected {MAGIC.decode().strip()!r} at the start"
             raise BagError(msg)
         self._position = len(MAGIC)
-        self._indexed = self._read_index()
         self._damaged = 0
         self._first_damage = ""
         self._unknown = 0
         self._last_ns: int | None = None
+        self._indexed = self._read_index()
 
     @property
     def topics(self) -> list[Topic]:
@@ -217,7 +217,9 @@ class Ros1Scanner:
             self._stream.seek(start)
             for _ in range(count):
                 fields, length = self._head()
-                self._take(fields[b"op"][0], fields, self._read(min(length, self._size)), [], lambda _: False)
+                if fields[b"op"] != bytes([_CONNECTION]):
+                    return False
+                self._take(_CONNECTION, fields, self._read(min(length, self._size)), [], lambda _: False)
         except (_Damage, KeyError, IndexError, struct.error):
             return False
         return True

@@ -25,6 +25,7 @@ from bags.hostile import (
     schema,
     zeros,
 )
+from bags.test_damage import write_ros1
 from bags.test_reading import write_old_database
 from bags.test_writing import mcap_file, write_flight
 
@@ -309,6 +310,31 @@ def test_an_index_that_names_places_behind_the_file_is_not_followed(tmp_path: Pa
     path.write_bytes(begin + index + footer + MAGIC)
     reader = read(path)
     assert [m.data for m in reader] == [b"1234"] and len(reader.warnings) == 1
+
+
+def test_a_chunk_that_has_become_another_record_is_missed(tmp_path: Path) -> None:
+    """Found by `benchmark faults`: records of unknown kinds are skipped, and with one the messages of a chunk were."""
+    bag = tmp_path / "bag"
+    messages = write_flight(bag, samples=60)
+    file = mcap_file(bag)
+    blob = bytearray(file.read_bytes())
+    blob[37] = 0x80
+    file.write_bytes(blob)
+    reader = read(bag)
+    assert list(reader) == messages[40:]
+    (warning,) = reader.warnings
+    assert "at byte 37 is no chunk, but the index says so" in warning and reader.lost
+
+
+def test_an_index_of_ros1_that_leads_to_messages_is_not_used(tmp_path: Path) -> None:
+    """Found by `benchmark faults`: it was an AttributeError."""
+    path = tmp_path / "old.bag"
+    blob, words = write_ros1(path, 5)
+    place = blob.index(b"index_pos=") + len(b"index_pos=")
+    first = blob.index(b"\x05\x00\x00\x00op=\x02") - 4 if b"\x05\x00\x00\x00op=\x02" in blob else 4096
+    path.write_bytes(blob[:place] + first.to_bytes(8, "little") + blob[place + 8 :])
+    reader = read(path)
+    assert len(list(reader)) == len(words) and len(reader.warnings) == 1
 
 
 @pytest.mark.parametrize("bad", ["schema", "channel"])
