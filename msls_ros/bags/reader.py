@@ -20,7 +20,7 @@ from typing import Any
 
 from msls_ros.bags.decoding import TypeDecoders
 from msls_ros.bags.definitions import Definition
-from msls_ros.bags.errors import BagError
+from msls_ros.bags.errors import BagError, one_line
 from msls_ros.bags.limits import HELD
 from msls_ros.bags.metadata import bag_files, profiles
 from msls_ros.bags.open_storage import open_storage
@@ -133,10 +133,11 @@ class BagReader:
                 self._learn(scanner)
                 self.lost = self.lost or scanner.lost or bool(self._decoders.refused)
             if problems:
-                self.warnings.append(f"{path}: {'; '.join(problems)}")
+                self.warnings.append(one_line(f"{path}: {'; '.join(problems)}"))
         self._progress = 1.0
         for name in sorted((self._wanted or frozenset()) - self._topics.keys()):
-            self.warnings.append(f"{self.path}: no topic {name}; it has {', '.join(sorted(self._topics)) or 'none'}")
+            has = ", ".join(sorted(self._topics)) or "none"
+            self.warnings.append(one_line(f"{self.path}: no topic {name}; it has {has}"))
 
     def only(self, topics: Iterable[str]) -> BagReader:
         """Give a reader of the same bag for some topics.
@@ -265,7 +266,7 @@ class BagReader:
         return self._wanted is None or topic in self._wanted
 
     def _opening_warnings(self) -> list[str]:
-        return [*self._bag.warnings, *self._unreadable]
+        return [one_line(warning) for warning in (*self._bag.warnings, *self._unreadable)]
 
     def _look(self) -> None:
         """Open every file once: for its topics, and to refuse what is no bag."""

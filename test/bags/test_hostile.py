@@ -337,6 +337,20 @@ def test_an_index_of_ros1_that_leads_to_messages_is_not_used(tmp_path: Path) -> 
     assert len(list(reader)) == len(words) and len(reader.warnings) == 1
 
 
+def test_a_name_cannot_break_a_line_or_steer_a_terminal(tmp_path: Path) -> None:
+    """Found by coverage-guided fuzzing: a type's name with a line break made two lines of one."""
+    path = tmp_path / "t.mcap"
+    path.write_bytes(
+        mcap(schema(1, b"a/msg/B\r\n\x1b[2J", b"int8 x"), channel(1, 1, b"/t\x1b]0;x\x07"), message(1, 7, b"1"))
+    )
+    reader = BagReader(path, ["/u"])
+    assert list(reader) == [] and all(warning.isprintable() for warning in reader.warnings) and reader.warnings
+    reader = read(path)
+    with pytest.raises(BagError) as caught:
+        reader.decode(next(iter(reader)))
+    assert str(caught.value).isprintable() and r"\x1b[2J" in str(caught.value)
+
+
 @pytest.mark.parametrize("bad", ["schema", "channel"])
 def test_a_damaged_description_costs_its_own_messages_alone(tmp_path: Path, bad: str) -> None:
     path = tmp_path / "t.mcap"
