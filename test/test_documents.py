@@ -77,6 +77,7 @@ RUN_BY = {
     "./msls benchmark kernel": f"{BENCHMARK}::test_kernel_prints_one_json_value_with_every_contender",
     "./msls benchmark stress": f"{BENCHMARK}::test_both_tables_name_what_is_missing",
     "./msls benchmark replay": "test/offline/test_blocks.py::test_the_benchmark_gives_both_rates_and_their_ratio",
+    "./msls benchmark faults": f"{BENCHMARK}::test_damaged_bags_crash_nothing_and_lose_nothing_in_silence",
     "./msls benchmark campaign": f"{BENCHMARK}::test_campaign_prints_how_many_times_real_time_a_flight_takes",
 }
 """The test that runs each command, with other seeds, folders or fewer flights where it would take long."""

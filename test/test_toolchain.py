@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ast
 import importlib.util
+import os
 import re
+import shutil
 import subprocess
 import sys
 from importlib.machinery import SourceFileLoader
@@ -23,7 +25,7 @@ def msls(*arguments: str) -> subprocess.CompletedProcess[str]:
 
 @pytest.fixture
 def script() -> ModuleType:
-    loader = SourceFileLoader("msls_script", str(ROOT / "msls"))
+    loader = SourceFileLoader("msls_script", str(ROOT / "msls_setup.py"))
     spec = importlib.util.spec_from_loader("msls_script", loader)
     assert spec is not None
     module = importlib.util.module_from_spec(spec)
@@ -60,6 +62,99 @@ def test_every_executable_has_a_module_with_a_main(script: ModuleType) -> None:
         tree = ast.parse((ROOT / "msls_ros" / "commands" / f"{name}.py").read_text())
         assert any(isinstance(node, ast.FunctionDef) and node.name == "main" for node in tree.body), name
         assert ast.get_docstring(tree), name
+
+
+SOURCES = ("msls", "msls_setup.py", "setup.py", "setup.cfg", "package.xml", "requirements.lock", "msg_defs", "config")
+
+
+def copy_to(folder: Path) -> Path:
+    """Copy what the set-up needs to begin; nothing of it is built."""
+    folder.mkdir()
+    for name in SOURCES:
+        source = ROOT / name
+        (shutil.copytree if source.is_dir() else shutil.copy2)(source, folder / name)
+    return folder
+
+
+def set_up(folder: Path, **environment: str) -> str:
+    """Try to set up in a folder where it cannot be; return the one line it says."""
+    env = {**os.environ, "PYTHON": sys.executable, **environment}
+    done = subprocess.run(
+        [sys.executable, str(folder / "msls"), "setup"], capture_output=True, text=True, env=env, check=False
+    )
+    said = [line for line in done.stderr.splitlines() if not line.startswith("msls [")]
+    assert (done.returncode, done.stdout, len(said)) == (1, "", 1), done.stderr
+    return said[0]
+
+
+@pytest.mark.parametrize(("name", "found"), [("a b", "a space"), ("flüge", r"'\xfc'"), ("a;b", "';'"), ("a$b", "'$'")])
+def test_a_path_in_which_nothing_can_be_built_is_refused_at_once(tmp_path: Path, name: str, found: str) -> None:
+    folder = copy_to(tmp_path / name)
+    assert set_up(folder) == (
+        f"msls: {folder}: CMake and ROS cannot build in a path with {found}; move the folder elsewhere"
+    )
+    assert sorted(file.name for file in folder.iterdir() if file.name != "__pycache__") == sorted(SOURCES)
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    folder = copy_to(tmp_path / "tree")
+    (folder / ".msls").symlink_to("/proc/nothing")
+    assert re.fullmatch(rf"msls: {folder}/\.msls: .*; the set-up writes into {folder}", set_up(folder))
+
+
+OFFLINE = {
+    "pip": "WARNING: Retrying (Retry(total=0, ...)) after connection broken by 'NewConnectionError(...)': /simple/uv/",
+    "quiet pip": "ERROR: Could not find a version that satisfies the requirement uv==0.9 (from versions: none)",
+    "uv": "error: Failed to fetch: ...\n  Caused by: error sending request\n  Caused by: dns error: failed to lookup",
+}
+
+
+@pytest.mark.parametrize("tool", OFFLINE)
+def test_without_a_network_one_line_says_so(
+    script: ModuleType, tool: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(script, "LOG", tmp_path / "setup.log")
+    code = f"import sys; print({OFFLINE[tool]!r}); sys.exit(1)"
+    with (tmp_path / "lock").open("w") as lock:
+        monkeypatch.setattr(script.Turn, "descriptor", lock.fileno())
+        with pytest.raises(
+            script.SetupError, match=r"^no network, or an index without the packages: pip failed"
+        ) as caught:
+            script.run_logged([sys.executable, "-c", code], dict(os.environ), "pip")
+    assert caught.value.output == ""
+    assert OFFLINE[tool] in (tmp_path / "setup.log").read_text()
+
+
+@pytest.mark.parametrize("version", ["2.7", "3.8", "3.14"])
+def test_another_python_is_refused_in_one_sentence(tmp_path: Path, version: str) -> None:
+    other = tmp_path / "python"
+    other.write_text(f'#!/bin/sh\necho \'["{version}", "cpython", true, true, "{other}"]\'\n')
+    other.chmod(0o755)
+    line = set_up(copy_to(tmp_path / "tree"), PYTHON=str(other))
+    assert line.startswith(f"msls: {other} is cpython {version}, needed is CPython 3.10 to 3.13")
+
+
+def test_an_old_python_that_runs_the_script_itself_says_one_sentence() -> None:
+    code = "import runpy, sys; sys.version_info = (2, 7, 18); runpy.run_path(sys.argv[1], run_name='__main__')"
+    done = subprocess.run([sys.executable, "-c", code, ROOT / "msls"], capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == "msls: this is Python 2.7; expected CPython 3.10 to 3.13: python3 ./msls ...\n"
+    tree = ast.parse((ROOT / "msls").read_text(encoding="ascii"))
+    modern = (ast.JoinedStr, ast.AnnAssign, ast.arg, ast.Starred, ast.NamedExpr, ast.AsyncFunctionDef)
+    assert not [node for node in ast.walk(tree) if isinstance(node, modern)], "valid in Python 2"
+
+
+@pytest.mark.parametrize("home", [None, "", "/proc/nothing"])
+def test_without_a_home_what_is_kept_there_is_kept_here(
+    script: ModuleType, home: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("HOME")
+    if home is not None:
+        monkeypatch.setenv("HOME", home)
+    env = script.clean_environment()
+    assert {env[name] for name in ("ROS_HOME", "UV_CACHE_DIR", "MPLCONFIGDIR")} == {
+        str(ROOT / ".msls" / name) for name in ("ros", "uv", "matplotlib")
+    }
 
 
 def test_another_ros_does_not_leak_in(script: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:

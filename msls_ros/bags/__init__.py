@@ -8,15 +8,18 @@ from __future__ import annotations
 
 from msls_ros.bags.definitions import Definition, Definitions, typestore
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.limits import HELD
 from msls_ros.bags.metadata import Qos
 from msls_ros.bags.reader import BagReader, read
 from msls_ros.bags.repair import Repair, repair
+from msls_ros.bags.replacing import replacing
 from msls_ros.bags.samples import Sample, SampleBlock, SampleDecoder
 from msls_ros.bags.storage import BagMessage, Summary, Topic
 from msls_ros.bags.template import MessageTemplate
-from msls_ros.bags.writer import BagWriter
+from msls_ros.bags.writer import BagWriter, check_replaceable
 
 __all__ = [
+    "HELD",
     "BagError",
     "BagMessage",
     "BagReader",
@@ -31,7 +34,9 @@ __all__ = [
     "SampleDecoder",
     "Summary",
     "Topic",
+    "check_replaceable",
     "read",
     "repair",
+    "replacing",
     "typestore",
 ]

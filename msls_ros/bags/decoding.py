@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from rosbags.serde import SerdeError
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
@@ -14,6 +13,7 @@ from msls_ros.bags.definitions import Definition, Definitions, default_definitio
 from msls_ros.bags.errors import BagError
 from msls_ros.bags.serde import MISFITS, deserialize
 from msls_ros.bags.storage import BagMessage, Topic
+from msls_ros.bags.type_limits import check_text, check_types
 
 _SEPARATOR = "=" * 80 + "\n"
 _HEADER = "std_msgs/msg/Header"
@@ -90,8 +90,13 @@ class TypeDecoders:
         if topic.serialization == "cdr":
             return topic.definition
         store = self._stores.get(topic.msgtype) or self._store(topic.msgtype, topic)
-        text, _ = store.generate_msgdef(topic.msgtype, ros_version=2)
-        return Definition(topic.msgtype, "ros2msg", text, store.hash_rihs01(topic.msgtype))
+        try:
+            text, _ = store.generate_msgdef(topic.msgtype, ros_version=2)
+            type_hash = store.hash_rihs01(topic.msgtype)
+        except (TypesysError, KeyError, ValueError, AssertionError) as error:
+            msg = f"{topic.msgtype}: its definition cannot be written for ROS 2: {error}"
+            raise BagError(msg) from error
+        return Definition(topic.msgtype, "ros2msg", text, type_hash)
 
     def to_cdr(
         self, batch: list[BagMessage], topics: Mapping[str, Topic], warn: Callable[[str], None]
@@ -147,10 +152,14 @@ class TypeDecoders:
                 types = _parse(topic.definition)
                 if topic.serialization == "ros1":
                     types.update(_ros2_header())
+                check_types(msgtype, types)
                 store.register(types)
                 store.get_msgdef(msgtype)
-            except (TypesysError, SerdeError, KeyError, ValueError, TypeError, SyntaxError) as error:
-                msg = f"{msgtype}: the bag holds a damaged definition of this type: {error}"
+            except BagError:
+                raise
+            except Exception as error:  # a parser and a generator of code, which fail in many ways
+                what = (str(error).splitlines() or [""])[0][:200] or type(error).__name__
+                msg = f"{msgtype}: the bag holds a damaged definition of this type: {what}"
                 raise BagError(msg) from error
         self._stores[msgtype] = store
         return store
@@ -158,11 +167,12 @@ class TypeDecoders:
 
 def _parse(definition: Definition) -> dict[str, Any]:
     """Parse the text of a definition with all that it uses."""
+    check_text(definition.msgtype, definition.text, idl="idl" in definition.encoding)
     if definition.encoding in ("ros2msg", "ros1msg"):
         return dict(get_types_from_msg(definition.text, definition.msgtype))
     types: dict[str, Any] = {}
     for part in definition.text.split(_SEPARATOR):
-        text = part.split("\n", 1)[1] if part.startswith("IDL: ") else part
+        text = part.partition("\n")[2] if part.startswith("IDL: ") else part
         if text.strip():
             types.update(get_types_from_idl(text))
     return types

@@ -14,17 +14,16 @@ wherever they can be found.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
-from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, TypesysError, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.type_limits import MAX_DEPTH, check_text, check_types, members
 
 _OURS = "msls_msgs"
 _OURS_IN_SOURCE_TREE = Path(__file__).resolve().parents[2] / "msg_defs"
@@ -75,6 +74,7 @@ class Definitions:
                 raise BagError(msg)
         self._texts: dict[str, str] = {}
         self._definitions: dict[str, Definition] = {}
+        self._whole: set[str] = set()
         self.store: Typestore = get_typestore(Stores.ROS2_JAZZY)
 
     def require(self, msgtype: str) -> Definition:
@@ -97,7 +97,7 @@ class Definitions:
         """
         if msgtype not in self._definitions:
             self._register(msgtype, needed_by=None)
-            names = list(dict.fromkeys(self._walk(msgtype)))
+            names = list(self._walk(msgtype, {}))
             parts = [self._text(names[0])]
             parts += [f"{_SEPARATOR}\nMSG: {_short(name)}\n{self._text(name)}" for name in names[1:]]
             type_hash = self.store.hash_rihs01(msgtype)
@@ -123,7 +123,7 @@ class Definitions:
         for sibling in sorted(path.parent.glob("*.msg")) if path else ():
             self.require(f"{package}/msg/{sibling.stem}")
 
-    def _register(self, msgtype: str, needed_by: str | None) -> None:
+    def _register(self, msgtype: str, needed_by: str | None, trail: tuple[str, ...] = ()) -> None:
         if msgtype not in self.store.fielddefs:
             path = self._find(msgtype)
             if path is None:
@@ -134,17 +134,37 @@ class Definitions:
                 )
                 raise BagError(msg)
             try:
-                self.store.register(get_types_from_msg(path.read_text(encoding="utf-8"), msgtype))
-            except (TypesysError, OSError, UnicodeDecodeError) as error:
-                msg = f"{path}: not a readable message definition of {msgtype}: {error}"
+                text = path.read_text(encoding="utf-8")
+                check_text(msgtype, text, idl=False)
+                types = get_types_from_msg(text, msgtype)
+                check_types(msgtype, types)
+                self.store.register(types)
+            except Exception as error:  # a parser and a generator of code, which fail in many ways
+                what = (str(error).splitlines() or [""])[0][:200] or type(error).__name__
+                msg = f"{path}: not a readable message definition of {msgtype}: {what}"
                 raise BagError(msg) from error
-        for name in _members(self.store, msgtype):
-            self._register(name, needed_by=msgtype)
+        trail = (*trail, msgtype)
+        if len(trail) > MAX_DEPTH:
+            msg = f"{trail[0]}: types more than {MAX_DEPTH} deep in one another"
+            raise BagError(msg)
+        for name in self._members(msgtype):
+            if name in trail:
+                msg = f"{msgtype}: its type {name} holds itself"
+                raise BagError(msg)
+            if name not in self._whole:
+                self._register(name, needed_by=msgtype, trail=trail)
+        self._whole.add(msgtype)
 
-    def _walk(self, msgtype: str) -> Iterator[str]:
-        yield msgtype
-        for name in _members(self.store, msgtype):
-            yield from self._walk(name)
+    def _walk(self, msgtype: str, seen: dict[str, None]) -> dict[str, None]:
+        """Give a type and all that it uses, each once, the users first."""
+        seen[msgtype] = None
+        for name in self._members(msgtype):
+            if name not in seen:
+                self._walk(name, seen)
+        return seen
+
+    def _members(self, msgtype: str) -> list[str]:
+        return members(self.store.fielddefs[msgtype][1])
 
     def _text(self, msgtype: str) -> str:
         if msgtype not in self._texts:
@@ -160,7 +180,7 @@ class Definitions:
         """Whether the text on disk defines the fields that the store (de)serialises."""
         try:
             parsed = get_types_from_msg(path.read_text(encoding="utf-8"), msgtype)
-        except (TypesysError, OSError, UnicodeDecodeError):
+        except (TypesysError, OSError, ValueError, AssertionError):
             return False
         have = [(name.lower(), kind) for name, kind in self.store.fielddefs[msgtype][1]]
         return [(name.lower(), kind) for name, kind in parsed[msgtype][1]] == have
@@ -232,15 +252,3 @@ def _split(msgtype: str) -> tuple[str, str, str]:
 def _short(msgtype: str) -> str:
     package, _, name = _split(msgtype)
     return f"{package}/{name}"
-
-
-def _members(store: Typestore, msgtype: str) -> list[str]:
-    """Names of the message types among the fields of one type."""
-    names: list[str] = []
-    for _, field in store.fielddefs[msgtype][1]:
-        kind: Any = field
-        while kind[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-            kind = kind[1][0]
-        if kind[0] == Nodetype.NAME:
-            names.append(kind[1])
-    return names

@@ -16,6 +16,8 @@ _RECORD = struct.Struct("<BQ")
 _FOOTER = struct.Struct("<BQQQI8s")
 _STATISTICS_HEAD = struct.Struct("<QHIIIIQQI")
 _MAX_SUMMARY = 1 << 28
+_MAX_DESCRIPTIONS = 1 << 26
+"""Of all schemas and channels [bytes]."""
 _ENCODINGS = ("ros2msg", "ros2idl", "omgidl", "ros1msg")
 
 
@@ -31,6 +33,7 @@ class Registry:
     def __init__(self) -> None:
         self._schemas: dict[int, Definition] = {}
         self.topics: dict[int, Topic] = {}
+        self._size = 0
 
     def take(self, opcode: int, content: bytes) -> None:
         """Take a schema or a channel record; the first one of a number counts.
@@ -45,8 +48,12 @@ class Registry:
         Raises
         ------
         ValueError, struct.error
-            It is damaged.
+            It is damaged, or one too many.
         """
+        self._size += len(content)
+        if self._size > _MAX_DESCRIPTIONS:
+            msg = "more descriptions of topics and types than any bag has"
+            raise ValueError(msg)
         (number,) = struct.unpack_from("<H", content)
         if opcode == _SCHEMA:
             name, position = _string(content, 2)
@@ -134,7 +141,7 @@ def read_index(stream: BinaryIO, size: int) -> Index:
         _take_all(summary, index)
     except (struct.error, ValueError):
         return Index(problem="damaged")
-    index.chunks.sort()
+    index.chunks = sorted(place for place in index.chunks if place < start)
     return index
 
 
@@ -169,4 +176,4 @@ def _string(content: bytes, position: int) -> tuple[str, int]:
     if end > len(content):
         msg = "a text is longer than its record"
         raise ValueError(msg)
-    return content[position + 4 : end].decode(), end
+    return content[position + 4 : end].decode("utf-8", "replace"), end

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import lru_cache
 from io import StringIO
 from pathlib import Path
 from typing import Any
 
 from ruamel.yaml import YAML
-from ruamel.yaml.error import YAMLError
 
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.small_yaml import YamlError, load
 
 NAME = "metadata.yaml"
 VERSION = 9
+_MAX_METADATA, _MAX_PROFILES = 1 << 20, 1 << 16
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
 
 
@@ -114,9 +117,15 @@ def profiles(text: str) -> list[dict[str, Any]] | None:
     list of dict or None
         None: there are none, or they are damaged.
     """
+    found = _profiles(text)
+    return None if found is None else [dict(profile) for profile in found]
+
+
+@lru_cache(maxsize=256)
+def _profiles(text: str) -> list[dict[str, Any]] | None:
     try:
-        found = YAML(typ="safe", pure=True).load(text)
-    except YAMLError:
+        found = load(text, _MAX_PROFILES)
+    except YamlError:
         return None
     return found if isinstance(found, list) and all(isinstance(profile, dict) for profile in found) else None
 
@@ -208,23 +217,30 @@ def bag_files(path: Path) -> BagFiles:
     BagError
         Nothing there, or nothing that could be a bag.
     """
-    if path.is_file():
+    if is_file(path):
         info, _ = _load(path.parent / NAME)
         listed = path.name in _listed(info)
         return BagFiles((path,), listed and _by_message(info), ())
-    if not path.is_dir():
-        msg = f"{path}: no such file or directory; expected a bag directory, or a .mcap, .db3 or .bag file"
+    if not os.path.isdir(path):
+        found = "not a file or directory" if os.path.lexists(path) else "no such file or directory"
+        msg = f"{path}: {found}; expected a bag directory, or a .mcap, .db3 or .bag file"
         raise BagError(msg)
     info, problem = _load(path / NAME)
     warnings = [problem] if problem else []
     files = [path / name for name in _listed(info)]
-    missing = [file.name for file in files if not file.is_file()]
+    missing = [file.name[:100] for file in files if not is_file(file)]
     if missing:
-        warnings.append(f"{path / NAME}: lists {', '.join(missing)}, which is not there")
-        files = [file for file in files if file.is_file()]
+        more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+        warnings.append(f"{path / NAME}: lists {', '.join(missing[:3])}{more}, which is not there")
+        files = [file for file in files if is_file(file)]
     if not files:
         pattern = re.compile(r"\.(mcap|db3|bag)(\.zstd)?$")
-        files = sorted((file for file in path.iterdir() if pattern.search(file.name)), key=_natural)
+        try:
+            found_here = [file for file in path.iterdir() if pattern.search(file.name) and is_file(file)]
+        except OSError as error:
+            msg = f"{path}: cannot be read: {error.strerror or error}"
+            raise BagError(msg) from error
+        files = sorted(found_here, key=_natural)
     if not files:
         msg = f"{path}: no bag in this directory; expected {NAME} with a .mcap or .db3 file"
         raise BagError(msg)
@@ -233,15 +249,37 @@ def bag_files(path: Path) -> BagFiles:
 
 def _load(path: Path) -> tuple[Mapping[str, Any], str]:
     """Give the information mapping and what was wrong with it."""
-    if not path.is_file():
+    if not is_file(path):
         return {}, f"{path}: missing; the storage files of the directory are read without it"
+    problem = ""
     try:
-        info = YAML(typ="safe", pure=True).load(path.read_text(encoding="utf-8"))["rosbag2_bagfile_information"]
-    except (YAMLError, OSError, ValueError, KeyError, TypeError, AttributeError, IndexError):
-        info = None
+        with path.open(encoding="utf-8") as stream:
+            found = load(stream.read(_MAX_METADATA + 1), _MAX_METADATA)
+    except (YamlError, OSError, ValueError) as error:
+        found, problem = None, f" ({error})"
+    info = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
     if not isinstance(info, dict):
-        return {}, f"{path}: damaged; expected the YAML mapping rosbag2_bagfile_information"
+        return {}, f"{path}: damaged{problem}; expected the YAML mapping rosbag2_bagfile_information"
     return info, ""
+
+
+def is_file(path: Path) -> bool:
+    """Whether there is a plain file, which can be opened without waiting.
+
+    Parameters
+    ----------
+    path : Path
+        Any.
+
+    Returns
+    -------
+    bool
+        False also where it cannot be known.
+    """
+    try:
+        return path.is_file()
+    except (OSError, ValueError):
+        return False
 
 
 def _listed(info: Mapping[str, Any]) -> list[str]:
@@ -249,7 +287,7 @@ def _listed(info: Mapping[str, Any]) -> list[str]:
     names = info.get("relative_file_paths")
     if not isinstance(names, list):
         return []
-    return [Path(name).name for name in names if isinstance(name, str) and Path(name).name]
+    return list(dict.fromkeys(Path(name).name for name in names if isinstance(name, str) and Path(name).name))
 
 
 def _by_message(info: Mapping[str, Any]) -> bool:

@@ -20,7 +20,8 @@ from typing import Any
 
 from msls_ros.bags.decoding import TypeDecoders
 from msls_ros.bags.definitions import Definition
-from msls_ros.bags.errors import BagError
+from msls_ros.bags.errors import BagError, one_line
+from msls_ros.bags.limits import HELD
 from msls_ros.bags.metadata import bag_files, profiles
 from msls_ros.bags.open_storage import open_storage
 from msls_ros.bags.storage import BagMessage, Scanner, Summary, Topic
@@ -37,6 +38,9 @@ class BagReader:
         Only these; all by default.
     definition_paths : iterable of path
         Where to look for definitions that the bag does not hold, see `definitions`.
+    held : int
+        What a read may hold at a time [bytes]: a chunk, a message, or the copy of a compressed database. What is
+        larger is left out, with a warning, and so is what a file unpacks to beyond a thousand times its size.
 
     Raises
     ------
@@ -49,14 +53,23 @@ class BagReader:
         The bag.
     warnings : list of str
         Damage, one sentence for each file, complete when the file has been read; an iteration starts it anew.
+    lost : bool
+        Whether anything was written that the last iteration could not read; a file that is cut off has lost nothing.
     """
 
     def __init__(
-        self, path: str | Path, topics: Iterable[str] | None = None, *, definition_paths: Iterable[str | Path] = ()
+        self,
+        path: str | Path,
+        topics: Iterable[str] | None = None,
+        *,
+        definition_paths: Iterable[str | Path] = (),
+        held: int = HELD,
     ) -> None:
         self.path = Path(path)
         self._wanted = None if topics is None else frozenset(topics)
         self._definition_paths = tuple(definition_paths)
+        self._held = held
+        self.lost = False
         self._decoders = TypeDecoders(self._definition_paths)
         self._bag = bag_files(self.path)
         self._files: list[Path] = []
@@ -107,9 +120,10 @@ class BagReader:
         self.warnings[:] = self._opening_warnings()
         self._progress = 0.0
         self._decoders.refused.clear()
+        self.lost = bool(self._unreadable)
         for number, path in enumerate(self._files):
             problems: list[str] = []
-            with closing(open_storage(path, self._bag.message_compression)) as scanner:
+            with closing(open_storage(path, self._bag.message_compression, self._held)) as scanner:
                 for batch in scanner.batches(self._is_wanted, problems.append):
                     self._learn(scanner)
                     self._progress = (number + scanner.progress()) / len(self._files)
@@ -117,11 +131,13 @@ class BagReader:
                     if converted:
                         yield converted
                 self._learn(scanner)
+                self.lost = self.lost or scanner.lost or bool(self._decoders.refused)
             if problems:
-                self.warnings.append(f"{path}: {'; '.join(problems)}")
+                self.warnings.append(one_line(f"{path}: {'; '.join(problems)}"))
         self._progress = 1.0
         for name in sorted((self._wanted or frozenset()) - self._topics.keys()):
-            self.warnings.append(f"{self.path}: no topic {name}; it has {', '.join(sorted(self._topics)) or 'none'}")
+            has = ", ".join(sorted(self._topics)) or "none"
+            self.warnings.append(one_line(f"{self.path}: no topic {name}; it has {has}"))
 
     def only(self, topics: Iterable[str]) -> BagReader:
         """Give a reader of the same bag for some topics.
@@ -136,7 +152,7 @@ class BagReader:
         BagReader
             On its own.
         """
-        return BagReader(self.path, topics, definition_paths=self._definition_paths)
+        return BagReader(self.path, topics, definition_paths=self._definition_paths, held=self._held)
 
     def decode(self, message: BagMessage) -> Any:
         """Deserialise a message.
@@ -250,14 +266,14 @@ class BagReader:
         return self._wanted is None or topic in self._wanted
 
     def _opening_warnings(self) -> list[str]:
-        return [*self._bag.warnings, *self._unreadable]
+        return [one_line(warning) for warning in (*self._bag.warnings, *self._unreadable)]
 
     def _look(self) -> None:
         """Open every file once: for its topics, and to refuse what is no bag."""
         errors: list[BagError] = []
         for path in self._bag.paths:
             try:
-                with closing(open_storage(path, self._bag.message_compression)) as scanner:
+                with closing(open_storage(path, self._bag.message_compression, self._held)) as scanner:
                     if not scanner.topics:
                         next(scanner.batches(lambda _: True, lambda _: None), None)
                     self._learn(scanner)

@@ -21,6 +21,7 @@ import lz4.frame  # type: ignore[import-untyped]
 
 from msls_ros.bags.definitions import Definition
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.limits import HELD, Expansion, TooLargeError, check_held
 from msls_ros.bags.storage import BagMessage, Summary, Topic, normalize_type
 
 MAGIC = b"#ROSBAG V2.0\n"
@@ -32,6 +33,11 @@ _PIECE = 1 << 24
 
 class _Damage(Exception):
     """A record is not as it was written."""
+
+    def __init__(self, what: str, *, cut: bool = False) -> None:
+        super().__init__(what)
+        self.cut = cut
+        """It is whole, but for an end that the file does not hold."""
 
 
 class Ros1Scanner:
@@ -45,6 +51,8 @@ class Ros1Scanner:
         Its content.
     size : int
         Its length [bytes].
+    held : int
+        What may be held at a time [bytes].
 
     Raises
     ------
@@ -52,19 +60,23 @@ class Ros1Scanner:
         It is not a ROS 1 bag of version 2.0.
     """
 
-    def __init__(self, path: Path, stream: BinaryIO, size: int) -> None:
+    def __init__(self, path: Path, stream: BinaryIO, size: int, held: int = HELD) -> None:
         self._stream = stream
         self._size = size
+        self._held = held
+        self._expansion = Expansion(size, held)
+        self._cut = False
+        self._end = ""
         self._topics: dict[int, Topic] = {}
         if stream.read(len(MAGIC)) != MAGIC:
             msg = f"{path}: not a ROS 1 bag; expected {MAGIC.decode().strip()!r} at the start"
             raise BagError(msg)
         self._position = len(MAGIC)
-        self._indexed = self._read_index()
         self._damaged = 0
         self._first_damage = ""
         self._unknown = 0
         self._last_ns: int | None = None
+        self._indexed = self._read_index()
 
     @property
     def topics(self) -> list[Topic]:
@@ -76,6 +88,11 @@ class Ros1Scanner:
         """None: the index of ROS 1 is not used for counts."""
         return None
 
+    @property
+    def lost(self) -> bool:
+        """Whether anything was written, as far as it has been read, that cannot be."""
+        return bool(self._damaged or self._unknown or (self._end and not self._cut))
+
     def progress(self) -> float:
         """Give the share of the file that has been read, 0 to 1."""
         return self._position / self._size
@@ -86,19 +103,17 @@ class Ros1Scanner:
 
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
         """Yield the messages of a chunk at a time, in ROS 1 serialisation; see `Scanner.batches`."""
-        end = ""
         self._stream.seek(self._position)
-        while self._position < self._size:
+        while self._position < self._size and not self._end:
             batch: list[BagMessage] = []
             try:
                 self._record(batch, wanted)
             except _Damage as damage:
-                end = str(damage)
+                self._end, self._cut = str(damage), damage.cut
             if batch:
                 self._last_ns = batch[-1].stamp_ns
                 yield batch
-            if end:
-                break
+        end = self._end
         until = "no message" if self._last_ns is None else f"the last message has log time {self._last_ns / 1e9:.9g} s"
         if end:
             warn(f"{end} at byte {self._position}; read up to there, {until}")
@@ -117,6 +132,7 @@ class Ros1Scanner:
         whole = length <= left
         opcode = fields.get(b"op", b"")
         if opcode in (*_IN_A_CHUNK, bytes([_CHUNK])):
+            self._check_held("a record", min(length, left))
             data = self._read(min(length, left))
             if opcode[0] == _CHUNK:
                 self._chunk(fields, data, whole, batch, wanted)
@@ -129,8 +145,14 @@ class Ros1Scanner:
             self._stream.seek(length, 1)
         if not whole:
             what = "the file ends in a record"
-            raise _Damage(what)
+            raise _Damage(what, cut=True)
         self._position = self._stream.tell()
+
+    def _check_held(self, what: str, size: int) -> None:
+        try:
+            check_held(what, size, self._held)
+        except TooLargeError as error:
+            raise _Damage(str(error)) from error
 
     def _chunk(
         self,
@@ -142,7 +164,10 @@ class Ros1Scanner:
     ) -> None:
         """Take the records of a chunk; of a damaged one those before the damage."""
         try:
-            data = _decompress(fields.get(b"compression", b""), content)
+            size = int.from_bytes(fields.get(b"size", b"")[:4], "little")
+            check_held("a chunk", len(content) + size, self._held)
+            data = _decompress(fields.get(b"compression", b""), content, size)
+            self._expansion.add(len(data))
             position = 0
             while position < len(data):
                 inner, start = _fields(data, position)
@@ -152,7 +177,7 @@ class Ros1Scanner:
                     what = "a record does not fit its chunk"
                     raise _Damage(what)
                 self._take(inner[b"op"][0], inner, data[start + 4 : position], batch, wanted)
-        except (_Damage, struct.error, ValueError) as error:
+        except (_Damage, TooLargeError, struct.error, ValueError) as error:
             if whole:
                 self._damaged += 1
                 self._first_damage = self._first_damage or f"in the chunk at byte {self._position}: {error}"
@@ -192,7 +217,9 @@ class Ros1Scanner:
             self._stream.seek(start)
             for _ in range(count):
                 fields, length = self._head()
-                self._take(fields[b"op"][0], fields, self._read(min(length, self._size)), [], lambda _: False)
+                if fields[b"op"] != bytes([_CONNECTION]):
+                    return False
+                self._take(_CONNECTION, fields, self._read(min(length, self._size)), [], lambda _: False)
         except (_Damage, KeyError, IndexError, struct.error):
             return False
         return True
@@ -207,7 +234,7 @@ class Ros1Scanner:
         content = self._stream.read(length + 4)
         if len(prefix) < 4 or len(content) < length + 4:
             what = "the file ends in a record"
-            raise _Damage(what)
+            raise _Damage(what, cut=True)
         fields, start = _fields(prefix + content, 0)
         return fields, int.from_bytes(content[start - 4 :], "little")
 
@@ -239,22 +266,25 @@ def _fields(data: bytes, position: int) -> tuple[dict[bytes, bytes], int]:
 def _topic(fields: dict[bytes, bytes], data: bytes) -> Topic:
     """Describe a connection; its data are fields like those of a header."""
     described, _ = _fields(struct.pack("<I", len(data)) + data, 0)
-    parts = fields[b"topic"].decode().split("/")
+    parts = fields[b"topic"].decode("utf-8", "replace").split("/")
     name = ("/" if parts[0] == "" else "") + "/".join(part for part in parts if part)
-    msgtype = normalize_type(described[b"type"].decode())
+    msgtype = normalize_type(described[b"type"].decode("utf-8", "replace"))
     definition = Definition(msgtype, "ros1msg", described[b"message_definition"].decode("utf-8", "replace"), "")
     return Topic(name, msgtype, "ros1", definition, "")
 
 
-def _decompress(compression: bytes, content: bytes) -> bytes:
-    """Decompress a chunk, as far as it goes."""
+def _decompress(compression: bytes, content: bytes, size: int) -> bytes:
+    """Decompress a chunk, as far as it goes, but no further than the size it declares."""
     try:
         if compression == b"none":
             return content
-        if compression == b"bz2":
-            return bz2.BZ2Decompressor().decompress(content)
-        if compression == b"lz4":
-            return bytes(lz4.frame.LZ4FrameDecompressor().decompress(content))
+        if compression in (b"bz2", b"lz4"):
+            unpacker = bz2.BZ2Decompressor() if compression == b"bz2" else lz4.frame.LZ4FrameDecompressor()
+            data = bytes(unpacker.decompress(content, max_length=size + 1))
+            if len(data) > size:
+                what = f"it unpacks to more than the {size} bytes it declares"
+                raise _Damage(what)
+            return data
     except (OSError, RuntimeError, EOFError, ValueError, MemoryError) as error:
         what = f"it cannot be decompressed ({error})"
         raise _Damage(what) from error

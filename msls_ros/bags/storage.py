@@ -85,6 +85,11 @@ class Scanner(Protocol):
         """None where the file has no (readable) index."""
         ...
 
+    @property
+    def lost(self) -> bool:
+        """Whether anything was written, as far as it has been read, that cannot be; an end that is cut off is not."""
+        ...
+
     def batches(self, wanted: Callable[[str], bool], warn: Callable[[str], None]) -> Iterator[list[BagMessage]]:
         """Yield messages in the order in which they were written, some at a time.
 

@@ -33,6 +33,8 @@ from msls_ros.bags.serde import serialize
 
 FLUSH_INTERVAL_S = 0.5
 _STAMP_LIMIT = 1 << 63
+LAST_STAMP = _STAMP_LIMIT - 1
+"""The largest log time that a bag can hold [ns]."""
 _OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|^identifier\.yaml$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
 
 
@@ -66,7 +68,7 @@ class BagWriter:
         extra = list(definition_paths)
         self._definitions = Definitions(extra) if extra else default_definitions()
         self._make_directory(overwrite)
-        self.file = self.path / f"{self.path.resolve().name}_0.mcap"
+        self.file = self.path / f"{_utf8_name(self.path)}_0.mcap"
         try:
             self._stream = self.file.open("xb")
         except OSError as error:
@@ -347,14 +349,45 @@ def remove_bag(path: Path) -> None:
     OSError
         A file cannot be deleted.
     """
+    for file in _files(path):
+        file.unlink()
+    path.rmdir()
+
+
+def check_replaceable(path: Path) -> None:
+    """Refuse to replace what is more than a bag.
+
+    Parameters
+    ----------
+    path : Path
+        A bag directory, or nothing.
+
+    Raises
+    ------
+    BagError
+        It holds anything that is not of a bag, or cannot be read.
+    """
+    try:
+        if path.is_dir():
+            _files(path)
+    except OSError as error:
+        raise _unwritable(path, error) from error
+
+
+def _files(path: Path) -> list[Path]:
+    """Give the files of a bag directory that holds nothing else."""
     files = list(path.iterdir())
     strange = [file.name for file in files if file.is_dir() or not _OF_A_BAG.search(file.name)]
     if strange:
         msg = f"{path}: not replaced, it holds more than a bag ({strange[0]})"
         raise BagError(msg)
-    for file in files:
-        file.unlink()
-    path.rmdir()
+    return files
+
+
+def _utf8_name(path: Path) -> str:
+    """Give the name of a folder, as it can stand in the metadata."""
+    name = path.resolve().name
+    return name.encode("utf-8", "replace").decode("utf-8")
 
 
 def _unwritable(path: Path, error: OSError) -> BagError:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from typing import NoReturn
 
 
@@ -31,8 +32,16 @@ def add_fleet(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="run on the workers of this Dask scheduler (tcp://HOST:PORT); files have the same paths there",
+        help="run on the workers of this Dask scheduler (tcp://HOST:PORT, or tls://HOST:PORT with Dask's own settings "
+        "for TLS); files have the same paths there. Trust it: whoever reaches its port can run any code on its workers "
+        "and here (pickle)",
     )
+
+
+def print_text(text: str) -> None:
+    """Print on stdout; what its encoding lacks (a file name of other bytes) is escaped."""
+    encoding = sys.stdout.encoding or "utf-8"
+    print(text.encode(encoding, "backslashreplace").decode(encoding))
 
 
 def _whole(text: str, low: int, high: int | None, what: str) -> int:

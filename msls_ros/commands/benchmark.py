@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency of the node."""
+"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency; damage."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from msls_ros.commands.arguments import OneLineParser, count
+from msls_ros.commands.arguments import OneLineParser, count, seed
 
 ROOT = Path(__file__).resolve().parents[2]
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
@@ -30,11 +30,14 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
     campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
+    faults = commands.add_parser("faults", help="damaged bags of every format read and repaired: what was lost")
+    faults.add_argument("--bags", type=count, default=2000, help="how many damaged copies (default: 2000)")
+    faults.add_argument("--seed", type=seed, default=0, help="of the damage (default: 0)")
     latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
     latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
     latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
-    for command in (kernel, stress, replay, campaign, latency):
+    for command in (kernel, stress, replay, campaign, latency, faults):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -48,7 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
-    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign, "latency": _latency}
+    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
+    measures |= {"latency": _latency, "faults": _faults}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -92,6 +96,28 @@ def _campaign(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(format_campaign(result))
     return result
+
+
+def _faults(arguments: argparse.Namespace) -> Any:
+    result = importlib.import_module("benchmarks.faults").measure(arguments.bags, _say, arguments.seed)
+    if not arguments.json:
+        print(format_faults(result))
+    return result
+
+
+def format_faults(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the table of damaged bags as text."""
+    columns = ("tried", "whole", "part", "refused", "silent", "crashed", "hung")
+    lines = [
+        "\ndamaged copies: read whole; in part, with a warning; refused in one line; with a silent loss; crashed; hung",
+        f"{'':36}" + "".join(f"{name:>9}" for name in columns) + f"{'slowest s':>11}",
+    ]
+    for row in rows:
+        cells = "".join(f"{row[name]:>9}" for name in columns)
+        lines.append(f"{row['kind']:36}{cells}{row['slowest_s']:>11.2f}")
+    totals = "".join(f"{sum(row[name] for row in rows):>9}" for name in columns)
+    lines.append(f"{'all':36}{totals}{max(row['slowest_s'] for row in rows):>11.2f}")
+    return "\n".join([*lines, *(f"{row['kind']}: {text}" for row in rows for text in row.get("examples", []))])
 
 
 def _latency(arguments: argparse.Namespace) -> Any:

@@ -13,8 +13,10 @@ from typing import Any
 
 from rclpy.logging import LoggingSeverity, set_logger_level
 
+from msls_ros.bags import check_replaceable
 from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.progress import Progress
+from msls_ros.commands.report import default_folder, remove_report
 from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
@@ -65,6 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     before = signal.signal(signal.SIGINT, interrupt)
     try:
         _prepare(out)
+        check_replaceable(out / "bag")
+        remove_report(default_folder(out / "bag"))  # it shows the flight that is replaced now
         summary = run(scenario, out, noise=noise, seed=arguments.seed, dither=not arguments.no_dither)
     except (Exception, KeyboardInterrupt) as error:
         if interrupted:  # compiled code swallows an interrupt and fails in ways of its own

@@ -5,9 +5,15 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
+from msls_ros.commands.arguments import print_text
 from msls_ros.nodes.stopping import Stopping
 
-REPAIR = "usage: recorder --repair BAG    finish a bag that a killed recorder left, or that is damaged (MCAP)"
+REPAIR = (
+    "usage: recorder --repair BAG    finish a bag that a killed recorder left, or that is damaged (MCAP);\n"
+    "                                the files as they were stay beside it (.original); exit code 2 if anything in\n"
+    "                                them could not be read"
+)
+_EXPECTED = "usage: recorder --repair BAG"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -28,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _repair(arguments: Sequence[str]) -> int:
     if len(arguments) != 1 or arguments[0].startswith("-"):
         asked = "-h" in arguments or "--help" in arguments
-        print(REPAIR if asked else f"recorder: expected one bag; {REPAIR}", file=sys.stdout if asked else sys.stderr)
+        print(REPAIR if asked else f"recorder: expected one bag; {_EXPECTED}", file=sys.stdout if asked else sys.stderr)
         return 0 if asked else 2
     from msls_ros.bags import BagError, repair
 
@@ -40,5 +46,10 @@ def _repair(arguments: Sequence[str]) -> int:
     for warning in done.warnings:
         print(f"recorder: {warning}", file=sys.stderr)
     state = "repaired" if done.changed else "was whole, nothing changed"
-    print(f"{arguments[0]}: {state}; {done.messages} messages")
-    return 0
+    kept = f"; the original is kept as {', '.join(file.name for file in done.originals)}" if done.originals else ""
+    print_text(f"{arguments[0]}: {state}; {done.messages} messages{kept}")
+    if done.lost:
+        print(
+            f"recorder: {arguments[0]}: something in it could not be read and is in the original only", file=sys.stderr
+        )
+    return 2 if done.lost else 0

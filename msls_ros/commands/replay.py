@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msls_ros.bags import BagError
-from msls_ros.commands.arguments import OneLineParser, add_fleet, count
+from msls_ros.bags import HELD, BagError
+from msls_ros.commands.arguments import OneLineParser, add_fleet, count, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import Done, FleetError, run
@@ -24,9 +24,10 @@ from msls_ros.offline.replay import Replay, ReplayOptions, kept_parameters, repl
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
 The new bag holds the topics model, fault and dither as the identifier node would have published them, bit for
-bit equal, beside identifier.yaml. Without --params the parameters are those of identifier.yaml in the bag's folder,
-which the demo writes; what was changed in flight by services or parameters is not known to a bag. Exit code: 0 also
-for a damaged bag of which a part was read (with warnings), 2 for one that gave nothing.
+bit equal, beside identifier.yaml; a bag that it replaces goes when the new one is whole and has samples. Without
+--params the parameters are those of identifier.yaml in the bag's folder, which the demo writes; what was changed in
+flight by services or parameters is not known to a bag. Exit code: 0 also for a damaged bag of which a part was read
+(with warnings), 2 for one that gave nothing.
 """
 
 
@@ -45,6 +46,13 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--every", type=count, default=1, metavar="N", help="samples per model (default: 1)")
     result.add_argument("--merge", action="store_true", help="write the input beside the output")
     result.add_argument("--namespace", metavar="NS", help="which aircraft, where a bag has several")
+    result.add_argument(
+        "--memory",
+        type=count,
+        default=HELD >> 20,
+        metavar="MIB",
+        help="what reading may hold at a time: a chunk, a message, an unpacked database (default: %(default)s)",
+    )
     result.add_argument(
         "--definitions",
         type=Path,
@@ -80,6 +88,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (BagError, EstimationError) as error:
         print(f"replay: {error}", file=sys.stderr)
         return 2
+    earlier = {job.out for job in jobs if job.out.is_dir()}
     results: dict[int, dict[str, Any]] = {}
     missing = ""
     try:
@@ -91,7 +100,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         missing = str(error)
     except KeyboardInterrupt:
         what, where = (jobs[len(results)].bag, jobs[len(results)].out) if alone else ("bags", jobs[0].out.parent)
-        print(f"replay: {what}: interrupted; {where} holds what was done", file=sys.stderr)
+        state = "is as it was" if alone and where in earlier else "holds what was done"
+        print(f"replay: {what}: interrupted; {where} {state}", file=sys.stderr)
         return 130
     for index, job in enumerate(jobs):
         result = results.setdefault(index, {"bag": str(job.bag), "error": missing})
@@ -101,7 +111,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(ordered, indent=2))
     elif len(ordered) > 1:
-        print(table(ordered))
+        print_text(table(ordered))
     return 2 if any(not result.get("samples") for result in ordered) else 0
 
 
@@ -137,7 +147,7 @@ def _tell(result: dict[str, Any], quiet: bool) -> None:
     for warning in result["warnings"]:
         print(f"replay: warning: {warning}", file=sys.stderr)
     if not quiet:
-        print(describe(result))
+        print_text(describe(result))
 
 
 def _expand(patterns: Sequence[str]) -> list[Path]:
@@ -184,6 +194,7 @@ def _replay(job: Job) -> dict[str, Any]:
         namespace=arguments.namespace,
         definitions=arguments.definitions,
         overwrite=arguments.overwrite or arguments.out is None,
+        held=arguments.memory << 20,
         inputs=read_inputs(parameters),
         parameters=parameters,
     )

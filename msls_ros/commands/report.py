@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.bags import BagError
-from msls_ros.commands.arguments import OneLineParser
+from msls_ros.commands.arguments import OneLineParser, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.offline.report_data import gather
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:
-        print("\n".join([*summary["headline"], "", f"written: {summary['report']}"]))
+        print_text("\n".join([*summary["headline"], "", f"written: {summary['report']}"]))
         print(f"         {len(summary['figures'])} figures (PNG) beside it")
     return 0
 
@@ -114,6 +114,24 @@ def default_folder(bag: Path) -> Path:
     whole = bag.resolve()
     name = whole.name.split(".")[0] if whole.is_file() else whole.name
     return whole.parent / ("report" if name == "bag" else f"{name}_report")
+
+
+def remove_report(folder: Path) -> None:
+    """Take away a report and its figures; whatever else is in the folder stays.
+
+    Raises
+    ------
+    OSError
+        If a file cannot be deleted.
+    """
+    if not (folder / PAGE).is_file():
+        return
+    from msls_ros.report.flight_report import FIGURES
+
+    for path in [folder / PAGE, *(folder / f"{name}.png" for name in FIGURES)]:
+        path.unlink(missing_ok=True)
+    if not any(folder.iterdir()):
+        folder.rmdir()
 
 
 def _make_folder(out: Path) -> None:

@@ -41,6 +41,9 @@ class FieldPath:
 
     def __init__(self, text: str) -> None:
         """Take the text apart; see the class."""
+        if not text.isprintable():
+            message = f"the path {text!r} holds what cannot be printed; expected NAME, NAME[2] or NAME[key=value]"
+            raise EstimationError(message)
         self.text = text
         self._parts: list[_Part] = []
         for piece in _split(text):

@@ -35,6 +35,8 @@ PARAMETERS = {
     "topics": fixed(list(TOPICS), "topics to record", choices=TOPICS),
 }
 QUALITY = QoSProfile(depth=1000)
+_SMALLEST = 12
+"""Bytes of encapsulation and stamp."""
 
 
 class RecorderNode(Node):
@@ -60,6 +62,8 @@ class RecorderNode(Node):
         self.counts: Counter[str] = Counter()
         """Messages written, by topic."""
         self._refusals = Refusals(self)
+        self.refused = self._refusals.counts
+        """Messages refused, by reason."""
         for topic in p["topics"]:
             resolved = self.resolve_topic_name(topic)
             kind = TOPICS[topic]
@@ -70,6 +74,10 @@ class RecorderNode(Node):
 
     def _write(self, topic: str, resolved: str, msgtype: str, data: bytes) -> None:
         """Write a message under the stamp that its header (or clock) begins with."""
+        if len(data) < _SMALLEST or data[0] != 0 or data[1] > 1:
+            text = f"{topic}: {len(data)} bytes; expected plain CDR that begins with a stamp, {_SMALLEST} or more"
+            self._refusals.take(Refused("malformed", text))
+            return
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
         if seconds < 0:
             self._refusals.take(Refused("stamp_negative", f"{topic}: stamp {seconds} s; a bag's stamps begin at 0"))

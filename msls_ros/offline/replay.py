@@ -7,15 +7,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros import bags
-from msls_ros.bags import BagError, BagMessage, BagReader, BagWriter
+from msls_ros.bags import HELD, BagError, BagMessage, BagReader, BagWriter, replacing
+from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Synchronizer
 from msls_ros.inputs.profiles import render_profile
@@ -25,6 +27,8 @@ from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_to
 Array = NDArray[np.float64]
 PARAMETERS = "identifier.yaml"
 """The identifier's parameters, kept in the bag's folder."""
+_MOST = 1 << 16
+"""Characters of it."""
 
 
 def keep_parameters(bag: Path, configuration: Configuration, file: Path | None = None) -> None:
@@ -42,13 +46,19 @@ def kept_parameters(bag: Path) -> Path:
     Raises
     ------
     BagError
-        If there is none, or no bag.
+        If there is none, or no bag; or if it came with a bag and is more YAML than parameters are.
     """
     path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
     if not path.is_file():
         BagReader(bag)
         message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
         raise BagError(message)
+    try:
+        with path.open(encoding="utf-8") as stream:
+            check(stream.read(_MOST + 1), _MOST)
+    except (YamlError, OSError, ValueError) as error:
+        message = f"{path}: not the parameters of a flight: {error}; give --params"
+        raise BagError(message) from error
     return path
 
 
@@ -84,7 +94,9 @@ class ReplayOptions:
     definitions: Sequence[Path] = ()
     """Folders of message definitions that the bag does not hold."""
     overwrite: bool = False
-    """Replace a bag in the place of the output."""
+    """Replace a bag in the place of the output, once the new one is whole and has samples."""
+    held: int = HELD
+    """What reading may hold at a time [bytes]."""
     inputs: InputMap | None = None
     """Where messages of other types have states and deflections; None: `msls_msgs` on the identifier's topics."""
     parameters: Path | None = None
@@ -119,8 +131,36 @@ def replay(
         If the inputs do not give the states and deflections of the configuration.
     """
     gate = Synchronizer.of(configuration)
-    reader, source, prefix = _open(bag, configuration, options, gate)
-    with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
+    opened = _open(bag, configuration, options, gate)
+    with replacing(out) if options.overwrite else nullcontext((out, lambda: None)) as (place, take_place):
+        result = _write(opened, place, configuration, options, gate, progress)
+        if result.samples:
+            take_place()
+        elif place != out:
+            result.warnings.append(f"{out}: left as it was")
+    return result
+
+
+class _Opened(NamedTuple):
+    """A bag to replay."""
+
+    reader: BagReader
+    source: Source
+    prefix: str
+    """Of the topics."""
+
+
+def _write(
+    opened: _Opened,
+    out: Path,
+    configuration: Configuration,
+    options: ReplayOptions,
+    gate: Synchronizer,
+    progress: Callable[[float, int], None],
+) -> Replay:
+    """Identify and write."""
+    reader, source, prefix = opened
+    with BagWriter(out, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration, options.parameters)
         output = IdentifierOutput(writer, prefix, configuration, options.every)
         start = time.perf_counter()
@@ -137,7 +177,8 @@ def replay(
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:
-        warnings.append(f"{bag}: not one sample; {' and '.join(source.topics)} have no stamp in common that is usable")
+        topics = " and ".join(source.topics)
+        warnings.append(f"{reader.path}: not one sample; {topics} have no stamp in common that is usable")
     wall_time = time.perf_counter() - start
     return Replay(
         output.samples,
@@ -151,11 +192,9 @@ def replay(
     )
 
 
-def _open(
-    bag: Path, configuration: Configuration, options: ReplayOptions, gate: Synchronizer
-) -> tuple[BagReader, Source, str]:
+def _open(bag: Path, configuration: Configuration, options: ReplayOptions, gate: Synchronizer) -> _Opened:
     """Return the bag's reader, the source of samples in it, and the prefix of the topics."""
-    looked = BagReader(bag, definition_paths=options.definitions)
+    looked = BagReader(bag, definition_paths=options.definitions, held=options.held)
     if options.inputs is None:
         topics = find_topics(bag, looked.topics, options.namespace)
         source: Source = SampleSource(topics, gate)
@@ -175,8 +214,8 @@ def _open(
             raise BagError(message) from error
         prefix = "/"
     if options.merge:
-        return looked, source, prefix
-    return looked.only(source.topics), source, prefix
+        return _Opened(looked, source, prefix)
+    return _Opened(looked.only(source.topics), source, prefix)
 
 
 class _Beside:

@@ -130,7 +130,8 @@ def test_repair_of_a_single_file_replaces_that_file_alone(
     assert result.changed and CHUNK < result.messages < len(messages)
     again = read(file)
     assert (list(again), again.warnings) == (messages[: result.messages], [])
-    assert list(tmp_path.iterdir()) == [file]
+    assert sorted(found.name for found in tmp_path.iterdir()) == ["flight.mcap", "flight.mcap.original"]
+    assert (tmp_path / "flight.mcap.original").read_bytes() == blob[: len(blob) // 2]
 
 
 def test_damaged_metadata_is_a_warning(tmp_path: Path, bag: tuple[Path, list[BagMessage], list[ChunkIndex]]) -> None:

@@ -222,6 +222,26 @@ def test_the_table_for_people_is_short(tmp_path: Path, capfd: pytest.CaptureFixt
     assert "false alarms          0" in lines
 
 
+def test_flown_again_the_report_of_the_earlier_flight_goes_and_only_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def fails(*_: Any, **__: Any) -> None:
+        raise FlightError("no wind")
+
+    monkeypatch.setattr(demo, "fly", fails)
+    report = tmp_path / "out" / "report"
+    report.mkdir(parents=True)
+    for name in ("report.html", "states.png", "diary.txt"):
+        (report / name).write_text("of the earlier flight")
+    assert run(["--out", str(tmp_path / "out")], capfd)[0] == 2
+    assert [file.name for file in report.iterdir() if file.suffix != ".png"] == ["diary.txt"]
+    (report / "diary.txt").rename(report / "report.html")
+    for figure in report.glob("*.png"):
+        figure.unlink()
+    assert run(["--out", str(tmp_path / "out")], capfd)[0] == 2
+    assert not report.exists()
+
+
 WRONG = {
     "a scenario that does not exist": (["--scenario", "loop"], "loop"),
     "a noise that does not exist": (["--noise", "loud"], "loud"),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from bags.test_hostile import YAML
 from offline.replayed import (
     BAGS,
     EFFECTORS,
@@ -86,6 +87,42 @@ def test_interrupted_the_command_says_so_and_leaves_a_whole_bag(
     assert code == 130 and len(err) == 1 and "interrupted" in err[0]
     left = read(tmp_path / "out" / "tail_fault")
     assert len(list(left)) > 50 and left.warnings == []
+
+
+@pytest.mark.parametrize("ending", [KeyboardInterrupt, OSError, "no samples"])
+def test_a_replay_that_fails_leaves_the_earlier_one(
+    ending: type[BaseException] | str,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    out = tmp_path / "out"
+    assert run(capsys, BAGS / "tail_fault", "--out", out)[0] == 0
+    before = {file.name: file.read_bytes() for file in (out / "tail_fault").iterdir()}
+    original = SampleSource.segments
+
+    def failing(self: SampleSource, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
+        if isinstance(ending, str):
+            return
+        yield from original(self, batch[:400])
+        raise ending("full")
+
+    monkeypatch.setattr(SampleSource, "segments", failing)
+    code, _, err = run(capsys, BAGS / "tail_fault", "--out", out, "--overwrite")
+    assert code == (130 if ending is KeyboardInterrupt else 2)
+    assert err and ("as it was" in err[-1] or "full" in err[-1]), err
+    assert {file.name: file.read_bytes() for file in (out / "tail_fault").iterdir()} == before
+    assert [folder.name for folder in out.iterdir()] == ["tail_fault"]
+
+
+@pytest.mark.parametrize("what", ["aliases", "merge keys", "depth", "block depth", "length", "bytes"])
+def test_parameters_that_come_with_a_bag_and_are_no_parameters_are_one_line(
+    what: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = write(tmp_path / "bag", inputs(BAGS / "tail_fault")[:4])
+    (bag / "identifier.yaml").write_text(YAML[what])
+    code, _, err = run(capsys, bag, "--out", tmp_path / "out")
+    assert code == 2 and len(err) == 1 and "identifier.yaml: not the parameters of a flight" in err[0]
 
 
 WRONG = {

@@ -13,12 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import psutil  # type: ignore[import-untyped]
 import pytest
 from fleet import fleet_tasks
 from fleet.fleet_tasks import Refusal, Task, begun
 from offline.replayed import BAGS, assert_same, outputs
 from offline.replayed import run as run_replay
 
+from msls_ros.commands import campaign, replay
 from msls_ros.fleet import Done, FleetError, run
 from msls_ros.fleet.work import Attempt, running_code
 
@@ -54,6 +56,24 @@ def run_and_kill(todo: Sequence[Task], **how: Any) -> tuple[list[Done], int]:
 def assert_each_once(ends: Sequence[Done], count: int) -> None:
     ordered = sorted(ends, key=lambda end: end.index)
     assert ordered == [Done(index, index**2, None) for index in range(count)]
+
+
+def test_processes_on_this_machine_listen_to_this_machine_alone(tmp_path: Path) -> None:
+    ends = run(fleet_tasks.square, tasks(tmp_path, 4), jobs=2)
+    next(ends)
+    us = psutil.Process()
+    found = [
+        c for one in [us, *us.children(recursive=True)] for c in one.net_connections("tcp") if c.status == "LISTEN"
+    ]
+    assert {c.laddr.ip for c in found} <= {"127.0.0.1", "::1"}, found
+    assert len(found) >= 3, "a scheduler and two workers"
+    assert len(list(ends)) == 3
+
+
+def test_the_help_says_that_a_scheduler_is_trusted_and_names_tls() -> None:
+    for command in (campaign, replay):
+        text = " ".join(command.parser().format_help().split())
+        assert "Trust it" in text and "pickle" in text and "tls://" in text
 
 
 def test_a_killed_worker_of_a_cluster_costs_nothing_but_time(

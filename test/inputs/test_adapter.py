@@ -370,3 +370,11 @@ def test_entries_may_be_nested_or_dotted() -> None:
     flat = {"clock": "a", "topics.a": "/a p/A stamp=arrival", "states.s": "a s", "effectors.e": "a e"}
     made = InputAdapter(InputMap.from_parameters(flat), ("s",), ("e",))
     assert made.topics == {"/a": "p/msg/A"} and made.methods == {"s": "differentiated"}
+
+
+@pytest.mark.parametrize("text", ["a\nb", "name[key=a\x1cb]", "\x00"])
+def test_a_path_with_what_cannot_be_printed_is_refused_in_one_line(text: str) -> None:
+    """Found by coverage-guided fuzzing: it made two lines of one."""
+    with pytest.raises(EstimationError, match="cannot be printed") as caught:
+        FieldPath(text)
+    assert len(str(caught.value).splitlines()) == 1

@@ -212,6 +212,22 @@ def test_an_unfinished_bag_is_finished_by_repair_and_then_replays_without_a_warn
     assert "nothing changed" in capsys.readouterr().out
 
 
+def test_repair_ends_with_2_and_keeps_the_original_where_something_was_lost(
+    tmp_path: Path, bag: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    broken = tmp_path / "broken"
+    shutil.copytree(bag, broken)
+    (file,) = broken.glob("*.mcap")
+    blob = bytearray(file.read_bytes())
+    blob[blob.index(b"zstd") + 100] ^= 1
+    file.write_bytes(blob)
+    assert recorder.main(["--repair", str(broken)]) == 2
+    out, err = capsys.readouterr()
+    assert f"the original is kept as {file.name}.original" in out
+    assert "one damaged part skipped" in err and "is in the original only" in err
+    assert (broken / f"{file.name}.original").read_bytes() == blob
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [(["--repair"], "expected one bag"), (["--repair", "a", "b"], "expected one bag"), (["--repair", "no"], "no such")],
