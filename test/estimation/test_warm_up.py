@@ -52,7 +52,8 @@ def test_no_update_after_the_warm_up_compiles_anything(profile: str) -> None:
     identifier.enabled = True
     identifier.reset()
     identifier.run(t, x, xdot, delta, 10)
-    identifier.warm_start(np.zeros((9, 9)), np.zeros((9, 7)), np.zeros(9), identifier.covariance)
+    b = np.zeros((9, len(configuration.effectors)))
+    identifier.warm_start(np.zeros((9, 9)), b, np.zeros(9), identifier.covariance)
     identifier.update(0.0, x[0], xdot[0], delta[0])
     assert count_compiled() == before
 
