@@ -1,0 +1,204 @@
+"""The compiled loop of the bank over samples: energies, alarms, members, evidence, mixture, residual statistics.
+
+An alarm takes the alarmed rows out of their group into a free one, whose factors begin at their priors and whose
+estimates begin at the mixture's; where the alarm is weak, members with a wide prior survive it, so that a false alarm
+does not cost what is known. Where no group is free, the rows join the youngest one, which begins anew.
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank import update_members
+from msls_ros.estimation.bank_detection import sense_bank
+from msls_ros.estimation.bank_energy import observe_energy
+from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factor
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.state import Output
+
+SHARPEN = 4
+"""The sharpest member of a row is looked for at every so manieth sample, and at every one after a restart."""
+
+WEIGH = 2
+"""The shares of a row's members are computed anew at every so manieth sample, and at every one after a restart."""
+
+
+@compiled
+def advance_bank(
+    s: BankSettings,
+    x: BankState,
+    phi: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    weights: Array,
+    work: BankWork,
+    out: Output,
+) -> int:
+    """Take samples until one alarms or all are taken; return the index after the last one taken.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    phi, y
+        (n, p) regressors, constant last, and (n, r) outputs, finite.
+    start, stop
+        Which samples to take.
+    weights
+        Dither weight of each effector.
+    work
+        Scratch.
+    out
+        What happened, per sample.
+    """
+    p = phi.shape[1]
+    for n in range(start, stop):
+        work.phi[0] = phi[n, p - 1]
+        for i in range(p - 1):
+            work.phi[i + 1] = phi[n, i]
+        any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
+        observe_energy(s, x, y[n])
+        if any_alarm:
+            split_bank(s, x, out.alarm[n], out.statistic[n])
+        for g in range(x.age.shape[0]):
+            if in_use(x, g):
+                update_members(s, x, g, y[n], work)
+        for q in range(y.shape[1]):
+            observe_errors(s, x, q, out.e[n, q])
+            judge(s, x, q, y[n, q], work)
+            if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
+                weigh(s, x, q, work.e)
+            if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
+                find_sharpest(x, q)
+            mix(x, q, work.e)
+        x.samples[0] += 1
+        out.excitation[n] = summarise_bank(s, x, weights, out.effect[n])
+        if s.followed_row >= 0:
+            out.followed[n] = x.theta[s.followed_row, s.followed_column]
+        if any_alarm:
+            return n + 1
+    return stop
+
+
+@compiled
+def in_use(x: BankState, g: int) -> bool:
+    """Whether any row belongs to group g."""
+    used = 0
+    for q in range(x.group.shape[0]):
+        if x.group[q] == g:
+            used += 1
+    return used > 0
+
+
+@compiled
+def observe_errors(s: BankSettings, x: BankState, q: int, e: float) -> None:
+    """Update the colour of row q's prediction errors, which is carried over an alarm."""
+    if x.age[x.group[q]] > 1 and not math.isnan(x.e[q]):
+        x.colour[q, 0] = s.colour_forgetting * x.colour[q, 0] + e * x.e[q]
+        x.colour[q, 1] = s.colour_forgetting * x.colour[q, 1] + e * e
+    x.e[q] = e
+
+
+@compiled
+def split_bank(s: BankSettings, x: BankState, alarm: Integers, statistic: Array) -> None:
+    """Take the alarmed rows out of their groups into one that begins anew."""
+    target = free_group(x, alarm)
+    old = -1
+    strong = False
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0:
+            keep_before(s, x, q)
+            if old < 0:
+                old = x.group[q]
+            if statistic[q] > s.strong * s.threshold:
+                strong = True
+    for m in range(s.forgetting.shape[0]):
+        if s.survives[m] == 0 or strong:
+            clear_factor(s, x, target, m)
+        elif target != old:
+            for i in range(x.mixed.shape[1]):
+                x.info[target, i, m] = x.info[old, i, m]
+                for k in range(x.mixed.shape[1]):
+                    x.R[target, i, k, m] = x.R[old, i, k, m]
+    x.age[target] = 0
+    x.shared_gate[target] = 1.0
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0 or x.group[q] == target:
+            x.group[q] = target
+            restart_row(s, x, q, strong)
+
+
+@compiled
+def free_group(x: BankState, alarm: Integers) -> int:
+    """Return a group that holds no row but alarmed ones; if there is none, the youngest."""
+    youngest = 0
+    for g in range(x.age.shape[0]):
+        others = 0
+        for q in range(alarm.shape[0]):
+            if x.group[q] == g and alarm[q] == 0:
+                others += 1
+        if others == 0:
+            return g
+        if x.age[g] < x.age[youngest]:
+            youngest = g
+    return youngest
+
+
+@compiled
+def restart_row(s: BankSettings, x: BankState, q: int, strong: bool) -> None:
+    """Begin row q anew from its mixture; members that survive keep their estimates."""
+    p = x.mixed.shape[1]
+    x.judged[q] = 0.0
+    x.counted[q] = -2 * p
+    for m in range(x.weight.shape[1]):
+        for k in range(3):
+            x.evidence[q, k, m] = 0.0
+        if s.survives[m] != 0 and not strong:
+            continue
+        for i in range(p):
+            x.members[q, i, m] = x.mixed[q, i]
+            for k in range(x.past.shape[0]):
+                x.past[k, q, i, m] = x.mixed[q, i]
+
+
+@compiled
+def keep_before(s: BankSettings, x: BankState, q: int) -> None:
+    """Keep what was known of row q before its first alarm, for isolation."""
+    if x.pending[q] != 0:
+        return
+    x.pending[q] = 1
+    p = x.mixed.shape[1]
+    leader = 0
+    for m in range(x.weight.shape[1]):
+        if x.weight[q, m] > x.weight[q, leader]:
+            leader = m
+    for i in range(p):
+        x.theta_before[q, i] = x.mixed[q, i]
+        for k in range(p):
+            x.R_before[q, i, k] = x.R[x.group[q], i, k, leader]
+
+
+@compiled
+def summarise_bank(s: BankSettings, x: BankState, weights: Array, effect: Array) -> float:
+    """Sum ``weight * |estimate|`` over the effectors of each row (eq 23); return their least excitation."""
+    least = 1.0
+    for q in range(x.theta.shape[0]):
+        total = 0.0
+        info = x.info[x.group[q]]
+        for i in range(s.effectors_from, s.effectors_to):
+            total += weights[i - s.effectors_from] * abs(x.theta[q, i])
+            share = excitation_of(s, info[i + 1, s.recent], i + 1)
+            if share < least:
+                least = share
+        effect[q] = total
+    return least
+
+
+@compiled
+def excitation_of(s: BankSettings, info: float, i: int) -> float:
+    """Return how far the last seconds excite coefficient i (constant first): their information over itself plus sigma^2."""
+    unit = s.sigma[i] * s.sigma[i]
+    return info / (info + unit) if unit > 0.0 else 1.0
