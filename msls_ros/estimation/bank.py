@@ -40,7 +40,7 @@ from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import logarithm
 from msls_ros.estimation.kernel import Array
 
-RETURN = 1
+RETURN = 2
 """A row of the prior comes back at every so manieth sample."""
 
 REFRESH = 4

@@ -14,6 +14,7 @@ from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factor
+from msls_ros.estimation.bank_uncertainty import long_run_factor, observe_errors
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.state import Output
@@ -67,7 +68,7 @@ def advance_bank(
             if in_use(x, g):
                 update_members(s, x, g, y[n], work)
         for q in range(y.shape[1]):
-            observe_errors(s, x, q, out.e[n, q])
+            observe_errors(s, x, q, work.e)
             judge(s, x, q, y[n, q], work)
             if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
                 weigh(s, x, q, work.e)
@@ -91,15 +92,6 @@ def in_use(x: BankState, g: int) -> bool:
         if x.group[q] == g:
             used += 1
     return used > 0
-
-
-@compiled
-def observe_errors(s: BankSettings, x: BankState, q: int, e: float) -> None:
-    """Update the colour of row q's prediction errors, which is carried over an alarm."""
-    if x.age[x.group[q]] > 1 and not math.isnan(x.e[q]):
-        x.colour[q, 0] = s.colour_forgetting * x.colour[q, 0] + e * x.e[q]
-        x.colour[q, 1] = s.colour_forgetting * x.colour[q, 1] + e * e
-    x.e[q] = e
 
 
 @compiled
@@ -175,6 +167,8 @@ def keep_before(s: BankSettings, x: BankState, q: int) -> None:
     for m in range(x.weight.shape[1]):
         if x.weight[q, m] > x.weight[q, leader]:
             leader = m
+    square = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else math.inf
+    x.variance_before[q] = square * long_run_factor(x, q)
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
         for k in range(p):

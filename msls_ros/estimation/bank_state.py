@@ -122,9 +122,9 @@ class BankState(NamedTuple):
     base: Array
     """(r, 2) weighted sum of older squared errors, and of the weights."""
     e: Array
-    """(r,) last prediction errors; NaN: none."""
+    """(r,) last normalised prediction errors of the mixture; NaN: none."""
     residual: Array
-    """(r, 2) weighted sum of the mixture's normalised squared errors, and of the weights."""
+    """(r, 2) weighted sum of the members' normalised squared errors, and of the weights."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     pending: Integers
