@@ -13,9 +13,9 @@ first, sigma the bank's unit of each regressor)::
     [ phi    | 1 ]       -------->   [ 0   | s ]                      eq 10; s = 1/sqrt(1 + phi' (R'R)^-1 phi)
     R'' K = z,   theta_q += K e_q                                     eqs 9 and 11, for every row q of the group
 
-``lambda = exp(-dt/tau)``. A *held* member forgets in proportion to what it learns: ``1 - lambda`` times the share of the
-present energy of the outputs in the energy that it remembers (`bank_energy`), so that quiet flight takes nothing away.
-At a start ``R = diag(sigma_i/pi)``.
+``lambda = exp(-dt/tau)``. A *held* member forgets in proportion to what it learns: ``1 - lambda`` times the share of
+the present energy of the outputs in the energy that is remembered (`bank_energy`), so that quiet flight takes nothing
+away. At a start ``R = diag(sigma_i/pi)``.
 
 The walk of the constant is exact: a random walk of variance kappa^2 (in residual variances) added to the first
 coefficient turns the information ``R_00^2`` into ``R_00^2/(1 + kappa^2 R_00^2)``; the others keep theirs, because the
@@ -27,8 +27,8 @@ innermost loops run over them without a branch or a sum, and the compiler makes 
 References
 ----------
 Golub and Van Loan, *Matrix Computations*, 4th ed., section 6.5 (updating). Kulhavy and Zarrop, "On a general concept of
-forgetting", Int. J. Control 58 (1993). Fortescue, Kershenbaum and Ydstie, "Implementation of self-tuning regulators with
-variable forgetting factors", Automatica 17 (1981): forget as fast as information comes.
+forgetting", Int. J. Control 58 (1993). Fortescue, Kershenbaum and Ydstie, "Implementation of self-tuning regulators
+with variable forgetting factors", Automatica 17 (1981): forget as fast as information comes.
 """
 
 from __future__ import annotations
@@ -56,6 +56,9 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     p, members = work.row.shape
     R = x.R[g]
     prepare_forgetting(s, R, x.age[g], x.shared_gate[g], work)
+    count = x.count[g]
+    for m in range(members):
+        count[m] = (1.0 - work.loss[m]) * count[m] + 1.0
     if x.samples[0] % RETURN == 0 and x.age[g] > 0:
         turn = (x.samples[0] // RETURN) % p
         for i in range(p):
@@ -108,8 +111,8 @@ def rotate(R: Array, work: BankWork, start: int) -> None:
     R
         (p, p, m) upper triangular; updated.
     work
-        ``row`` (p, m), zero before ``start``, is destroyed; ``z`` (p, m) becomes the right-hand side of R, ``left`` (m,)
-        what is left of the 1.
+        ``row`` (p, m), zero before ``start``, is destroyed; ``z`` (p, m) becomes the right-hand side of R, ``left``
+        (m,) what is left of the 1.
     start
         First element of the rows that is not zero.
     """

@@ -1,15 +1,15 @@
 """Detection of abrupt changes in the bank: the last squared prediction errors against older ones, one setting.
 
-``u`` is the squared one-step error of the member that predicts best (`BankState.sharpest`). Over windows of a few lengths
-l the mean of the last errors is compared with the nominal one, each in units of what noise alone reaches once in 1e8
-samples (quantile q_l of chi^2_l / l); the largest counts::
+``u`` is the squared one-step error of the member that predicts best (`BankState.sharpest`). Over windows of a few
+lengths l the mean of the last errors is compared with the nominal one, each in units of what noise alone reaches once
+in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
 
     T = max_l  mean_l( u_k / (1 + d_k) ) / q_l / ( base + (floor)^2 energy )          alarm: T > threshold
 
 ``base`` is the mean of the errors older than the longest window, ``energy`` what the output had when it was excited
-(`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d`` is
-that of the reference member, the longest memory: what is excited for the first time, d >> 1, cannot be called changed;
-it is learnt. No noise level enters anywhere.
+(`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d``
+is that of the reference member, the longest memory: what is excited for the first time, d >> 1, cannot be called
+changed; it is learnt. No noise level enters anywhere.
 """
 
 from __future__ import annotations

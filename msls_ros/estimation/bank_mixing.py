@@ -156,6 +156,7 @@ def mix(x: BankState, q: int, products: Array) -> None:
         for m in range(members):
             products[m] *= theta[m]
         x.mixed[q, i] = sum_members(products) / total
+        x.known[q, i] = total
     for i in range(p - 1):
         x.theta[q, i] = x.mixed[q, i + 1]
     x.theta[q, p - 1] = x.mixed[q, 0]

@@ -7,14 +7,12 @@ does not cost what is known. Where no group is free, the rows join the youngest 
 
 from __future__ import annotations
 
-import math
-
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factor
-from msls_ros.estimation.bank_uncertainty import long_run_factor, observe_errors
+from msls_ros.estimation.bank_uncertainty import leading_member, observe_errors, residual_variance
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.state import Output
@@ -68,8 +66,8 @@ def advance_bank(
             if in_use(x, g):
                 update_members(s, x, g, y[n], work)
         for q in range(y.shape[1]):
-            observe_errors(s, x, q, work.e)
             judge(s, x, q, y[n, q], work)
+            observe_errors(s, x, q, work.e)
             if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
                 weigh(s, x, q, work.e)
             if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
@@ -111,6 +109,7 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers, statistic: Array)
         if s.survives[m] == 0 or strong:
             clear_factor(s, x, target, m)
         elif target != old:
+            x.count[target, m] = x.count[old, m]
             for i in range(x.mixed.shape[1]):
                 x.info[target, i, m] = x.info[old, i, m]
                 for k in range(x.mixed.shape[1]):
@@ -163,12 +162,8 @@ def keep_before(s: BankSettings, x: BankState, q: int) -> None:
         return
     x.pending[q] = 1
     p = x.mixed.shape[1]
-    leader = 0
-    for m in range(x.weight.shape[1]):
-        if x.weight[q, m] > x.weight[q, leader]:
-            leader = m
-    square = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else math.inf
-    x.variance_before[q] = square * long_run_factor(x, q)
+    leader = leading_member(x, q)
+    x.variance_before[q] = residual_variance(x, q)
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
         for k in range(p):
@@ -193,6 +188,6 @@ def summarise_bank(s: BankSettings, x: BankState, weights: Array, effect: Array)
 
 @compiled
 def excitation_of(s: BankSettings, info: float, i: int) -> float:
-    """Return how far the last seconds excite coefficient i (constant first): their information over itself plus sigma^2."""
+    """Return how far the last seconds excite coefficient i (constant first): information over itself plus sigma^2."""
     unit = s.sigma[i] * s.sigma[i]
     return info / (info + unit) if unit > 0.0 else 1.0

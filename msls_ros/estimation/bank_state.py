@@ -81,6 +81,8 @@ class BankState(NamedTuple):
     """(g, m) ``1/sqrt(1 + d)`` of the last sample."""
     log: Array
     """(g, m) ``ln(1 + d)`` of the last sample."""
+    count: Array
+    """(g, m) sum of the weights of the samples in the factor."""
     age: Integers
     """(g,) samples since the group began."""
     group: Integers
@@ -93,6 +95,8 @@ class BankState(NamedTuple):
     """(d+1, r, p, m) their estimates over the last samples, a ring."""
     mixed: Array
     """(r, p) the estimates, constant first."""
+    known: Array
+    """(r, p) information of the mixture, sum of shares times information, constant first."""
     theta: Array
     """(r, p) the estimates, constant last."""
     sharpest: Integers
@@ -124,7 +128,7 @@ class BankState(NamedTuple):
     e: Array
     """(r,) last normalised prediction errors of the mixture; NaN: none."""
     residual: Array
-    """(r, 2) weighted sum of the members' normalised squared errors, and of the weights."""
+    """(r, 3) weighted sums: the members' normalised squared errors, one step ahead and delayed, and the weights."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     pending: Integers
@@ -177,12 +181,14 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         info=np.zeros((groups, p, m)),
         deviation=np.zeros((groups, m)),
         log=np.zeros((groups, m)),
+        count=np.zeros((groups, m)),
         age=np.zeros(groups, np.int64),
         group=np.zeros(rows, np.int64),
         members=np.zeros((rows, p, m)),
         errors=np.zeros((rows, m)),
         past=np.zeros((s.delay + 1, rows, p, m)),
         mixed=np.zeros((rows, p)),
+        known=np.ones((rows, p)),
         theta=np.zeros((rows, p)),
         sharpest=np.zeros(rows, np.int64),
         weight=np.zeros((rows, m)),
@@ -198,7 +204,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         counted=np.zeros(rows, np.int64),
         base=np.zeros((rows, 2)),
         e=np.zeros(rows),
-        residual=np.zeros((rows, 2)),
+        residual=np.zeros((rows, 3)),
         colour=np.zeros((rows, 2)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
@@ -221,6 +227,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     for array in x:
         array[...] = 0
     x.weight[:] = 1.0 / len(s.forgetting)
+    x.known[:] = 1.0
     x.e[:] = math.nan
     x.counted[:] = -s.rest
     clear_factors(s, x, 0)
@@ -244,3 +251,4 @@ def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
             x.R[g, i, k, m] = 0.0
         x.R[g, i, i, m] = s.prior[i, m]
         x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
+    x.count[g, m] = 0.0
