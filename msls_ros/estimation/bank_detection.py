@@ -4,16 +4,17 @@
 lengths l the mean of the last errors is compared with the nominal one, each in units of what noise alone reaches once
 in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
 
-    T = max_l  mean_l( u_k / (1 + d_k) ) / q_l / ( base + (floor)^2 energy )          alarm: T > threshold
+    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( base + (floor)^2 energy )          alarm: T > threshold
 
 ``base`` is the mean of the errors older than the longest window, ``energy`` what the output had when it was excited
 (`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d``
-is that of the reference member, the longest memory: what is excited for the first time, d >> 1, cannot be called
-changed; it is learnt. No noise level enters anywhere.
+is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
+what is excited for the first time cannot be called changed; it is learnt. No noise level enters anywhere.
 """
 
 from __future__ import annotations
 
+from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -40,7 +41,8 @@ def sense_bank(
     """
     any_alarm = False
     group = -1
-    d = 0.0
+    novelty = observe_novelty(s, x, phi)
+    expected = 1.0
     for q in range(y.shape[0]):
         error = y[q]
         sharp = y[q]
@@ -54,14 +56,14 @@ def sense_bank(
             continue
         if x.group[q] != group:
             group = x.group[q]
-            d = uncertainty_of(x.R[group], s.reference, phi, row)
+            expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
         square = sharp * sharp
-        statistic[q] = change_of(s, x, q, square / (1.0 + d))
+        statistic[q] = change_of(s, x, q, square / expected)
         if statistic[q] > s.threshold:
             alarm[q] = 1
             any_alarm = True
         else:
-            remember_square(s, x, q, square, square / (1.0 + d))
+            remember_square(s, x, q, square, square / expected)
     return any_alarm
 
 

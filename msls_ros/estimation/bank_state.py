@@ -113,6 +113,10 @@ class BankState(NamedTuple):
     """(r,) present energy of the outputs about it."""
     remembered: Array
     """(r,) energy that is remembered; it does not fade in the quiet."""
+    phi_mean: Array
+    """(p,) slow mean of the regressors."""
+    phi_remembered: Array
+    """(p,) energy of the regressors about it that is remembered."""
     gate: Array
     """(r,) present over remembered energy, at most 1."""
     shared_gate: Array
@@ -120,7 +124,7 @@ class BankState(NamedTuple):
     ring: Array
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
-    """(r, w) the same over 1 + d of the reference member."""
+    """(r, w) the same over 1 + d of the reference member and over what is new of the regressors."""
     counted: Integers
     """(r,) errors in the ring since the last restart; negative: samples of rest left."""
     base: Array
@@ -197,6 +201,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         mean=np.zeros(rows),
         now=np.zeros(rows),
         remembered=np.zeros(rows),
+        phi_mean=np.zeros(p),
+        phi_remembered=np.zeros(p),
         gate=np.zeros(rows),
         shared_gate=np.zeros(groups),
         ring=np.zeros((rows, w)),
