@@ -56,7 +56,7 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     p, members = work.row.shape
     R = x.R[g]
     prepare_forgetting(s, R, x.age[g], x.shared_gate[g], work)
-    count = x.count[g]
+    count = x.taken[g]
     for m in range(members):
         count[m] = (1.0 - work.loss[m]) * count[m] + 1.0
     if x.samples[0] % RETURN == 0 and x.age[g] > 0:

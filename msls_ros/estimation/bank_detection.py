@@ -14,7 +14,7 @@ what is excited for the first time cannot be called changed; it is learnt. No no
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank_energy import observe_novelty
+from msls_ros.estimation.bank_energy import NEW, observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -58,12 +58,15 @@ def sense_bank(
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
         square = sharp * sharp
-        statistic[q] = change_of(s, x, q, square / expected)
+        deviation = y[q] - x.mean[q]
+        new = NEW * x.remembered[q]
+        first = deviation * deviation / new if deviation * deviation > new and new > 0.0 else 1.0
+        statistic[q] = change_of(s, x, q, square / (expected * first))
         if statistic[q] > s.threshold:
             alarm[q] = 1
             any_alarm = True
         else:
-            remember_square(s, x, q, square, square / expected)
+            remember_square(s, x, q, square, square / (expected * first))
     return any_alarm
 
 

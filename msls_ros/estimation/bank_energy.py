@@ -7,8 +7,9 @@ no effect. So forgetting of held members and the weight of a sample in the evide
     gate  = min(now / remembered, 1)
     remembered += gain gate (now - remembered);   rises at once with now
 
-The same for each regressor says whether it moves further than ever before. The energy that is remembered fades only as fast as flight is excited: after a minute of quiet it still knows the last
-manoeuvre. It also makes the floor of the detector (`bank_detection`).
+The same for each regressor says whether it moves further than ever before. The energy that is remembered fades only as
+fast as flight is excited: after a minute of quiet it still knows the last manoeuvre. It also makes the floor of the
+detector (`bank_detection`).
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ from __future__ import annotations
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
-
 
 NEW = 9.0
 """A regressor is new to us where its squared deviation is so many times the energy that it is known by."""

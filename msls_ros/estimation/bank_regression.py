@@ -87,7 +87,7 @@ class BankRegression:
         x.R[0] = factor[:, :, None]
         x.info[0] = 1.0 / np.roll(np.diagonal(covariance), 1)[:, None]
         x.known[:] = x.info[0, :, 0]
-        x.count[0] = 4.0 * p
+        x.taken[0] = 4.0 * p
         x.age[0] = 4 * p
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:

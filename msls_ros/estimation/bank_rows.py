@@ -1,8 +1,7 @@
 """The compiled loop of the bank over samples: energies, alarms, members, evidence, mixture, residual statistics.
 
 An alarm takes the alarmed rows out of their group into a free one, whose factors begin at their priors and whose
-estimates begin at the mixture's; where the alarm is weak, members with a wide prior survive it, so that a false alarm
-does not cost what is known. Where no group is free, the rows join the youngest one, which begins anew.
+estimates begin at the mixture's. Where no group is free, the rows join the youngest one, which begins anew.
 """
 
 from __future__ import annotations
@@ -11,7 +10,7 @@ from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factor
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import leading_member, observe_errors, residual_variance
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -61,7 +60,7 @@ def advance_bank(
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, y[n])
         if any_alarm:
-            split_bank(s, x, out.alarm[n], out.statistic[n])
+            split_bank(s, x, out.alarm[n])
         for g in range(x.age.shape[0]):
             if in_use(x, g):
                 update_members(s, x, g, y[n], work)
@@ -93,33 +92,17 @@ def in_use(x: BankState, g: int) -> bool:
 
 
 @compiled
-def split_bank(s: BankSettings, x: BankState, alarm: Integers, statistic: Array) -> None:
+def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
     """Take the alarmed rows out of their groups into one that begins anew."""
     target = free_group(x, alarm)
-    old = -1
-    strong = False
     for q in range(alarm.shape[0]):
         if alarm[q] != 0:
-            keep_before(s, x, q)
-            if old < 0:
-                old = x.group[q]
-            if statistic[q] > s.strong * s.threshold:
-                strong = True
-    for m in range(s.forgetting.shape[0]):
-        if s.survives[m] == 0 or strong:
-            clear_factor(s, x, target, m)
-        elif target != old:
-            x.count[target, m] = x.count[old, m]
-            for i in range(x.mixed.shape[1]):
-                x.info[target, i, m] = x.info[old, i, m]
-                for k in range(x.mixed.shape[1]):
-                    x.R[target, i, k, m] = x.R[old, i, k, m]
-    x.age[target] = 0
-    x.shared_gate[target] = 1.0
+            keep_before(x, q)
+    clear_factors(s, x, target)
     for q in range(alarm.shape[0]):
         if alarm[q] != 0 or x.group[q] == target:
             x.group[q] = target
-            restart_row(s, x, q, strong)
+            restart_row(x, q)
 
 
 @compiled
@@ -139,16 +122,14 @@ def free_group(x: BankState, alarm: Integers) -> int:
 
 
 @compiled
-def restart_row(s: BankSettings, x: BankState, q: int, strong: bool) -> None:
-    """Begin row q anew from its mixture; members that survive keep their estimates."""
-    p = x.mixed.shape[1]
+def restart_row(x: BankState, q: int) -> None:
+    """Begin row q anew from its mixture."""
+    p, members = x.members.shape[1:]
     x.judged[q] = 0.0
     x.counted[q] = -2 * p
-    for m in range(x.weight.shape[1]):
+    for m in range(members):
         for k in range(3):
             x.evidence[q, k, m] = 0.0
-        if s.survives[m] != 0 and not strong:
-            continue
         for i in range(p):
             x.members[q, i, m] = x.mixed[q, i]
             for k in range(x.past.shape[0]):
@@ -156,7 +137,7 @@ def restart_row(s: BankSettings, x: BankState, q: int, strong: bool) -> None:
 
 
 @compiled
-def keep_before(s: BankSettings, x: BankState, q: int) -> None:
+def keep_before(x: BankState, q: int) -> None:
     """Keep what was known of row q before its first alarm, for isolation."""
     if x.pending[q] != 0:
         return

@@ -28,8 +28,8 @@ JUDGING = 1.0
 """Memory of the evidence in excited flight [s]."""
 DELAY = 0.5
 """Of the delayed predictions [s]: several times the correlation time of the noise of real sensors."""
-POWER = 0.3
-QUIET = 0.02
+POWER, POWER_RATE = 0.3, 50.0
+QUIET = 0.005
 """Least weight of a sample in the evidence."""
 ENERGY = (5.0, 0.5, 20.0, 0.5)
 """Memories of the outputs' mean, their present energy, the energy remembered, and its rise [s]."""
@@ -37,12 +37,11 @@ WINDOWS = (1, 3, 8, 20)
 QUANTILES = (32.8, 13.3, 6.97, 4.25)
 """Quantile 1 - 1e-8 of chi^2 with that many degrees of freedom, over them."""
 THRESHOLD = 1.5
-FLOOR = 0.1
+FLOOR = 0.07
 BASE = 4.0
 """Memory of the nominal squared error [s]."""
 REST = 20
 """Samples without detection at a start."""
-STRONG = 3.0
 RESIDUAL_MEMORY = 4.0
 COLOUR_MEMORY = 10.0
 """[s]"""
@@ -91,12 +90,11 @@ def make_bank_settings(
         held=held.astype(np.int64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),
         prior=prior,
-        survives=(pi >= max(PRIORS)).astype(np.int64),
         sigma=sigma,
         wind_up=WIND_UP,
         judging=math.exp(-period / JUDGING),
         delay=max(2, round(DELAY / period)),
-        power=POWER,
+        power=POWER * min(1.0, period * POWER_RATE),
         quiet=QUIET,
         energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
         detect=detect,
@@ -106,7 +104,6 @@ def make_bank_settings(
         floor=FLOOR,
         base=max(1.0 - period / BASE, 0.0),
         rest=REST,
-        strong=STRONG,
         residual_forgetting=math.exp(-period / RESIDUAL_MEMORY),
         colour_forgetting=math.exp(-period / COLOUR_MEMORY),
         effectors_from=effectors[0],

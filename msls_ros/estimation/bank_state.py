@@ -26,8 +26,6 @@ class BankSettings(NamedTuple):
     """(m,) kappa: walk of the constant per sample over the residual's standard deviation [1]."""
     prior: Array
     """(p, m) diagonal of a new factor, constant first [1/parameter, residual variance 1]."""
-    survives: Integers
-    """(m,) 1 where the member outlives a weak alarm."""
     sigma: Array
     """(p,) the bank's unit of each regressor, constant first; the constant's is 0."""
     wind_up: float
@@ -54,8 +52,6 @@ class BankSettings(NamedTuple):
     """Forgetting factor of the nominal squared error [1]."""
     rest: int
     """Samples without detection at a start."""
-    strong: float
-    """Thresholds at which no member survives an alarm [1]."""
     residual_forgetting: float
     colour_forgetting: float
     effectors_from: int
@@ -81,7 +77,7 @@ class BankState(NamedTuple):
     """(g, m) ``1/sqrt(1 + d)`` of the last sample."""
     log: Array
     """(g, m) ``ln(1 + d)`` of the last sample."""
-    count: Array
+    taken: Array
     """(g, m) sum of the weights of the samples in the factor."""
     age: Integers
     """(g,) samples since the group began."""
@@ -185,7 +181,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         info=np.zeros((groups, p, m)),
         deviation=np.zeros((groups, m)),
         log=np.zeros((groups, m)),
-        count=np.zeros((groups, m)),
+        taken=np.zeros((groups, m)),
         age=np.zeros(groups, np.int64),
         group=np.zeros(rows, np.int64),
         members=np.zeros((rows, p, m)),
@@ -257,4 +253,4 @@ def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
             x.R[g, i, k, m] = 0.0
         x.R[g, i, i, m] = s.prior[i, m]
         x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
-    x.count[g, m] = 0.0
+    x.taken[g, m] = 0.0

@@ -109,7 +109,7 @@ def attenuation(s: BankSettings, x: BankState, q: int, noise: Array, b: Array) -
     g = x.group[q]
     m = leading_member(x, q)
     R = x.R[g]
-    samples = x.count[g, m]
+    samples = x.taken[g, m]
     for j in range(p):
         total = samples * noise[j - 1] * x.mixed[q, j] if 1 <= j <= noise.shape[0] else 0.0
         for k in range(j):
