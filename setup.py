@@ -12,7 +12,20 @@ ROOMS = [
     *("inputs", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
 ]
 # Each is msls_ros/commands/NAME.py with a main().
-EXECUTABLES = ["identifier", "plant", "pilot", "recorder", "demo", "replay", "report", "paper", "campaign", "benchmark"]
+EXECUTABLES = [
+    "identifier",
+    "mixer",
+    "plant",
+    "pilot",
+    "recorder",
+    "watch",
+    "demo",
+    "replay",
+    "report",
+    "paper",
+    "campaign",
+    "benchmark",
+]
 
 
 def data_files(*folders: str) -> list[tuple[str, list[str]]]:

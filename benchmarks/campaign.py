@@ -1,4 +1,4 @@
-"""Flights of a campaign against the clock: flown, identified, compared with peers and truth, told as a row."""
+"""Flights of a campaign against the clock: flown, identified, compared with peers and truth, as a row."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def measure(flights: int, say: Callable[[str], None]) -> dict[str, Any]:
     flights
         How many are timed; one more, which compiles, is not.
     say
-        Told what is going on.
+        Called with a line of progress.
 
     Returns
     -------

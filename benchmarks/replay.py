@@ -79,7 +79,7 @@ def measure(samples: int, every: int, say: Callable[[str], None], rounds: int = 
     samples, every
         Length of the bag, and samples per model.
     say
-        Told what is going on.
+        Called with a line of progress.
     rounds
         Each is timed so often, in turn; the fastest counts.
 

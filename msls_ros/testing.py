@@ -222,6 +222,7 @@ class IdentifierBench:
         """Start the node; see `Bench.identifier`."""
         self.configuration = profile if isinstance(profile, Configuration) else read_profile(profile)
         given = {name: list(v) if isinstance(v, tuple) else v for name, v in as_mapping(self.configuration).items()}
+        given |= {"queue": 2.0}
         given |= {name.replace("__", "."): value for name, value in parameters.items()}
         self.bench = bench
         self.node = bench.add(IdentifierNode, **{k: v for k, v in given.items() if v != []})

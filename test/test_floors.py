@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -49,9 +51,12 @@ OWN = {
     "offline": set[str](),
     "paper": set[str](),
     "nodes": ROS,
-    "commands": {"tqdm", "rclpy"},
+    "commands": {"tqdm", "rclpy", "rich"},
 }
 """Packages that each room imports besides numpy and the standard library."""
+GROUND = [room for room, below in BELOW.items() if not below]
+INDIRECT = {"fleet": {"yaml"}}
+"""What a dependency imports in its turn: dask reads its own configuration with yaml."""
 
 
 def reach(room: str) -> set[str]:
@@ -161,3 +166,28 @@ def test_the_face_of_a_room_says_what_it_is_for(room: str) -> None:
     assert text, room
     if room != "commands":
         assert "This room imports" in text and "Begin with" in text, f"{room}: say what it may import, where to begin"
+
+
+@pytest.mark.parametrize("room", GROUND)
+def test_a_room_of_the_ground_floor_runs_with_nothing_of_the_others_installed(room: str) -> None:
+    forbidden = sorted(set().union({"scipy", "tqdm"}, *OWN.values()) - OWN[room] - INDIRECT.get(room, set()))
+    paths = [path.relative_to(PACKAGE.parent).with_suffix("") for own, path in files() if own == room]
+    code = (
+        "import sys, importlib\n"
+        "class Absent:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        f"        if name.split('.')[0] in {forbidden}:\n"
+        "            raise ModuleNotFoundError(name)\n"
+        "sys.meta_path.insert(0, Absent())\n"
+        f"for name in {['.'.join(path.parts).removesuffix('.__init__') for path in paths]}:\n"
+        "    importlib.import_module(name)\n"
+    )
+    command = [sys.executable, "-c", code]
+    done = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+
+
+def test_every_room_is_installed() -> None:
+    declared = re.search(r"^ROOMS = \[(.*?)\]", (PACKAGE.parent / "setup.py").read_text(encoding="utf-8"), re.M | re.S)
+    assert declared is not None
+    assert set(re.findall(r'"(\w+)"', declared.group(1))) == set(BELOW)

@@ -1,4 +1,4 @@
-"""What ./msls, the locks and the rooms promise."""
+"""What ./msls and the locks promise."""
 
 from __future__ import annotations
 
@@ -15,17 +15,6 @@ import pytest
 
 ROOT = Path(__file__).resolve().parent.parent
 LOCKS = ["requirements.lock", "requirements-benchmark.lock"]
-ROOMS = {
-    "estimation": {"numpy", "numba"},
-    "plant": {"numpy", "jsbsim"},
-    # rosbags loses the end of a killed bag; mcap, with its codecs, does not
-    "bags": {"numpy", "rosbags", "mcap", "zstandard", "lz4", "ruamel"},
-    "report": {"numpy", "matplotlib"},
-    "fleet": {"dask", "distributed", "yaml"},  # dask reads its own configuration with yaml
-}
-JOINING = {"nodes", "commands"}
-DEPENDENCIES = {"rclpy", "rosbags", "mcap", "jsbsim", "matplotlib", "tqdm", "msls_msgs", "std_msgs", "scipy"}
-DEPENDENCIES |= {"yaml", "dask", "distributed"}
 
 
 def msls(*arguments: str) -> subprocess.CompletedProcess[str]:
@@ -40,24 +29,6 @@ def script() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     loader.exec_module(module)
     return module
-
-
-def modules(room: str) -> list[Path]:
-    return sorted((ROOT / "msls_ros" / room).rglob("*.py"))
-
-
-def imports(path: Path) -> set[str]:
-    """Absolute dotted names that a module imports anywhere in it, its own package's included."""
-    package = path.relative_to(ROOT).parent.parts
-    names: set[str] = set()
-    for node in ast.walk(ast.parse(path.read_text())):
-        if isinstance(node, ast.Import):
-            names.update(alias.name for alias in node.names)
-        elif isinstance(node, ast.ImportFrom):
-            base = [*package[: len(package) - node.level + 1]] if node.level else []
-            prefix = ".".join([*base, *([node.module] if node.module else [])])
-            names.update(f"{prefix}.{alias.name}" for alias in node.names)
-    return names
 
 
 def pins(lock: str) -> dict[str, list[str]]:
@@ -132,48 +103,6 @@ def test_an_edit_rebuilds_what_it_must(
     (tmp_path / edited).write_text("after")
     after = script.wanted_builds({})
     assert {name for name in before if before[name] != after[name]} == rebuilt
-
-
-@pytest.mark.parametrize("room", sorted(ROOMS))
-def test_a_room_imports_its_own_dependency_only(room: str) -> None:
-    for path in modules(room):
-        for name in imports(path):
-            parts = name.split(".")
-            if parts[0] == "msls_ros":
-                assert parts[1] == room, f"{path.name} of {room} imports {name}"
-            elif parts[0] not in sys.stdlib_module_names:
-                assert parts[0] in ROOMS[room], f"{path.name} of {room} imports {name}"
-
-
-def test_no_room_imports_the_rooms_that_join() -> None:
-    for path in modules("nodes"):
-        assert not any(name.startswith("msls_ros.commands") for name in imports(path)), path.name
-    for path in [*modules("nodes"), ROOT / "msls_ros" / "messages.py"]:
-        assert not {name.split(".")[0] for name in imports(path)} & {"jsbsim", "rosbags", "matplotlib"}, path.name
-
-
-@pytest.mark.parametrize("room", sorted(ROOMS))
-def test_a_room_runs_with_nothing_of_the_others_installed(room: str) -> None:
-    forbidden = sorted(DEPENDENCIES - ROOMS[room])
-    names = [".".join(path.relative_to(ROOT).with_suffix("").parts) for path in modules(room)]
-    code = (
-        "import sys, importlib\n"
-        "class Absent:\n"
-        "    def find_spec(self, name, path=None, target=None):\n"
-        f"        if name.split('.')[0] in {forbidden}:\n"
-        "            raise ModuleNotFoundError(name)\n"
-        "sys.meta_path.insert(0, Absent())\n"
-        f"for name in {[name.removesuffix('.__init__') for name in names]}:\n"
-        "    importlib.import_module(name)\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-
-
-def test_every_room_is_installed() -> None:
-    declared = set(re.findall(r'"(\w+)"', re.findall(r"^ROOMS = \[(.*)\]", (ROOT / "setup.py").read_text(), re.M)[0]))
-    present = {path.parent.name for path in (ROOT / "msls_ros").glob("*/__init__.py")}
-    assert declared == present == {*ROOMS, *JOINING}
 
 
 @pytest.mark.parametrize("lock", LOCKS)

@@ -39,7 +39,7 @@ Array = NDArray[np.float64]
 Stacks = Mapping[str, NDArray[Any]]
 """Fields of `Estimate`, one entry per sample."""
 Row = dict[str, Any]
-"""What is told of a flight: numbers, words, lists and None; JSON that knows no NaN."""
+"""What is recorded of a flight: numbers, words, lists and None; JSON that knows no NaN."""
 BAND = 1.96
 """Half of the 95 % band, in standard errors."""
 FIELDS = ("a", "b", "bias", "a_std", "b_std", "a_reliable", "b_reliable")
@@ -75,7 +75,7 @@ SHORT = {
     "estimator.penalty": "penalty",
     "detector.threshold": "T",
 }
-"""Short names of parameters, for people."""
+"""Short names of parameters, for command lines and tables."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
     spans, watch = scenario.fault_spans, scenario.watch
     at = np.array(log.time)
     flown = {field: np.array([getattr(one, field) for one in log.estimates]) for field in FIELDS}
-    told = at[log.estimated]
+    estimated_at = at[log.estimated]
     truth = log.truth(lambda one: watch.of(one.a, one.b))
     estimates = watched(cell.configuration, log, flown, watch)
     alarms = [
@@ -179,7 +179,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         }
     return found | {
         "coverage": coverage(scenario, log, flown),
-        "reliable_share_before": mean(reliable[(told <= at[before][-1]) & (told > START)]),
+        "reliable_share_before": mean(reliable[(estimated_at <= at[before][-1]) & (estimated_at > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
         "dither_predicted_g_max": max(one.predicted_acceleration for one in log.dithers),

@@ -1,4 +1,4 @@
-"""What a campaign found: each cell's flights in numbers, medians with ranges, and as tables for people."""
+"""What a campaign found: each cell's flights in numbers, medians with ranges, and as tables."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ NOTES = (
     "fault, counted from the end of the ramp; where it never does, that is the end of the flight.",
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
-    "in the band: share of the numbers called reliable whose 95 % band has the truth (in brackets: how many are called "
-    "so, of all in the equations of the rigid body). NaN: flights in which anything was no number.",
+    "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
+    "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
 )
 
 
 def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
-    """Return the numbers of the flights of a cell; None where there is nothing to tell."""
+    """Return the numbers of the flights of a cell; None where there are no data."""
     flown = [row for row in rows if row["error"] is None]
     faults = [fault for row in flown for fault in row["faults"]]
     false = sum(row["false_alarms"] for row in flown)
@@ -76,14 +76,14 @@ Column = tuple[str, Callable[[dict[str, Any]], str]]
 
 
 def render(cells: Sequence[Cell], summaries: Sequence[dict[str, Any]]) -> str:
-    """Write the cells for people: three tables, each by scenario."""
+    """Write the cells as three tables, each by scenario."""
     found = list(zip(cells, summaries, strict=True))
     tables = [
         "\n".join([title, *_table(found, columns)])
         for title, columns in (
             ("Faults and alarms", ALARMS),
             ("The watched parameter: settled [s], errors [%], median (range)", ERRORS),
-            ("Error bars, numbers that are none, dither", TRUST),
+            ("Error bars, non-finite values, dither", TRUST),
         )
     ]
     failures = [f"failed: {error}" for summary in summaries for error in summary["errors"]]
@@ -94,7 +94,9 @@ def render(cells: Sequence[Cell], summaries: Sequence[dict[str, Any]]) -> str:
 def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Column]) -> list[str]:
     """Return the lines of a table: a line of each scenario, below it one for each noise and setting."""
     lines = [["", *(name for name, _ in columns)]]
-    lines += [[f"  {cell.noise:4}  {cell.label}".rstrip(), *(tell(one) for _, tell in columns)] for cell, one in found]
+    lines += [
+        [f"  {cell.noise:4}  {cell.label}".rstrip(), *(cell_of(one) for _, cell_of in columns)] for cell, one in found
+    ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     head, *rest = (
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]).rstrip() for line in lines
@@ -115,11 +117,11 @@ def _of(name: str, quantity: str, factor: float = 100.0) -> Callable[[dict[str, 
 
 
 def _coverage(matrix: str) -> Callable[[dict[str, Any]], str]:
-    def tell(summary: dict[str, Any]) -> str:
+    def share(summary: dict[str, Any]) -> str:
         found = summary["coverage"][matrix]
         return "-" if found["share"] is None else f"{found['share']:.3f} ({found['number']} of {found['of']})"
 
-    return tell
+    return share
 
 
 def _rate(summary: dict[str, Any]) -> str:
@@ -146,7 +148,7 @@ ERRORS: Sequence[Column] = (
 TRUST: Sequence[Column] = (
     ("A in the band", _coverage("a")),
     ("B in the band", _coverage("b")),
-    ("called reliable before [%]", lambda s: _range(s["reliable_share_before"], 100.0)),
+    ("reliable before [%]", lambda s: _range(s["reliable_share_before"], 100.0)),
     ("late MSLS [%]", _of("msls", "late_error_now")),
     ("NaN", lambda s: str(s["not_finite"]["flight"])),
     ("NaN in RLS", lambda s: str(s["not_finite"]["rls"])),

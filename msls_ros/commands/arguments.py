@@ -11,7 +11,7 @@ class OneLineParser(argparse.ArgumentParser):
 
     def error(self, message: str) -> NoReturn:
         """Print the message without the usage, and exit with 2."""
-        self.exit(2, f"{self.prog}: {message}; --help tells more\n")
+        self.exit(2, f"{self.prog}: {message}; see --help\n")
 
 
 def count(text: str) -> int:
@@ -27,9 +27,7 @@ def seed(text: str) -> int:
 def add_fleet(parser: argparse.ArgumentParser) -> None:
     """Add `--jobs` and `--scheduler`, of which one at most may be given; see `msls_ros.fleet.run`."""
     group = parser.add_mutually_exclusive_group()
-    group.add_argument(
-        "--jobs", type=count, default=1, metavar="N", help="so many at a time, each in a process (default: 1)"
-    )
+    group.add_argument("--jobs", type=count, default=1, metavar="N", help="number of parallel processes (default: 1)")
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",

@@ -1,4 +1,4 @@
-"""`benchmark`: beside C and peers: time per update, ill-conditioned stream, replay of a bag; flights of a campaign."""
+"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency of the node."""
 
 from __future__ import annotations
 
@@ -23,14 +23,18 @@ def parser() -> argparse.ArgumentParser:
     commands = result.add_subparsers(dest="command", required=True, metavar="COMMAND")
     kernel = commands.add_parser("kernel", help="time per update at p = 17, 9 rows and p = 8, 3 rows, one thread")
     kernel.add_argument("--rounds", type=count, default=25, help="how often each is timed (default: 25)")
-    stress = commands.add_parser("stress", help="two regressors almost alike: first NaN and peak error")
+    stress = commands.add_parser("stress", help="two nearly collinear regressors: first NaN and peak error")
     stress.add_argument("--samples", type=count, default=100_000, help="length of the stream (default: 100000)")
-    replay = commands.add_parser("replay", help="offline identification from a bag beside what reading alone costs")
+    replay = commands.add_parser("replay", help="offline identification of a bag against reading it alone")
     replay.add_argument("--samples", type=count, default=300_000, help="length of the bag (default: 300000)")
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
-    campaign = commands.add_parser("campaign", help="flights of a campaign: x real time per core")
+    campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
-    for command in (kernel, stress, replay, campaign):
+    latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
+    latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
+    latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
+    latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
+    for command in (kernel, stress, replay, campaign, latency):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -44,7 +48,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("benchmark: no folder 'benchmarks' beside msls_ros; run it from a checkout", file=sys.stderr)
         return 2
     sys.path.insert(0, str(ROOT))
-    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
+    measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign, "latency": _latency}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -88,6 +92,39 @@ def _campaign(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(format_campaign(result))
     return result
+
+
+def _latency(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.latency")
+    result = module.measure(arguments.rates, arguments.seconds, arguments.rounds, _say)
+    if not arguments.json:
+        print(format_latency(result))
+    return result
+
+
+def format_latency(result: dict[str, Any]) -> str:
+    """Return the latencies as text."""
+    pinned = "each on a core of its own" if result["pinned"] else "on one core"
+    lines = [
+        f"\nstate in to dither (model) out [ms], processor share; medians of {result['rounds']} rounds of "
+        f"{result['seconds']:g} s; probe and measured {pinned}",
+        f"{'Hz':>6} {'':11}{'p50':>15}{'p99':>15}{'p99.9':>15}{'max':>8}{'CPU':>7}{'MB':>7}{'lost':>6}",
+    ]
+    for row in result["rates"]:
+        for who in ("relay", "identifier"):
+            one = row[who]
+            cells = [f"{one['dither'][n]:.2f} ({one['model'][n]:.2f})" for n in ("p50", "p99", "p99.9")]
+            lines.append(
+                f"{row['rate']:>6g} {who:11}"
+                + "".join(f"{cell:>15}" for cell in cells)
+                + f"{one['dither']['max']:8.1f}"
+                f"{100 * one['cpu']:6.1f}%{one['memory']:7.0f}{one['lost']:>6}"
+            )
+        ratios = row["ratios"]
+        cells = [f"{ratios[n]:.2f}" for n in ("p50", "p99", "p99.9")]
+        lines.append(f"{'':6} {'ratio':11}" + "".join(f"{cell:>15}" for cell in cells) + f"{ratios['cpu']:15.2f}")
+    best = [f"{who} {result.get(f'lossless_{who}', 0):g} Hz" for who in ("relay", "identifier")]
+    return "\n".join([*lines, f"highest rate without loss: {', '.join(best)}"])
 
 
 def format_campaign(result: dict[str, Any]) -> str:

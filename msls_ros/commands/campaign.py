@@ -1,4 +1,4 @@
-"""`campaign`: fly scenarios over many seeds, noises and settings, without ROS; one table of what was found."""
+"""`campaign`: fly scenarios over many seeds, noises and settings, without ROS; medians and ranges in one table."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def parser() -> argparse.ArgumentParser:
     add_fleet(result)
     result.add_argument("--out", type=Path, metavar="DIR", help=f"folder (default: {DEFAULT_OUT}/NAME)")
     result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
-    result.add_argument("--fresh", action="store_true", help="forget the flights in the folder")
+    result.add_argument("--fresh", action="store_true", help="discard the flights that are kept in the folder")
     result.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -172,7 +172,7 @@ def _conclude(
     store: Store,
     arguments: argparse.Namespace,
 ) -> int:
-    """Write the tables of what was flown, tell them, and return the exit code."""
+    """Write the tables of what was flown, print them, and return the exit code."""
     ordered = [rows[task.key] for task in tasks if task.key in rows]
     found = [[rows[task.key] for task in tasks if task.cell is cell and task.key in rows] for cell in cells]
     summaries = [summarise(cell, own) for cell, own in zip(cells, found, strict=True)]

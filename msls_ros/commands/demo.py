@@ -146,7 +146,7 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
 
 
 def describe(scenario: Scenario, s: dict[str, Any]) -> str:
-    """Return the summary as a short table for people."""
+    """Return the summary as a short table."""
     watch = scenario.watch
     watched, dither = s[watch.symbol], s["dither"]
     lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]

@@ -1,4 +1,4 @@
-"""The command line of a node: ``--help`` tells what it does and its parameters; all else goes to ROS."""
+"""The command line of a node: ``--help`` prints what it does and its parameters; everything else goes to ROS."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from rclpy.node import Node
 
 from msls_ros.nodes.parameters import Table, descriptor
 from msls_ros.nodes.running import run_node
+from msls_ros.nodes.stopping import Stopping
 
 WIDTH = 110
 
 
-def run_or_help(name: str, kind: type[Node], table: Table, arguments: Sequence[str]) -> int:
+def run_or_help(
+    name: str, kind: type[Node], table: Table, arguments: Sequence[str], stopping: Stopping | None = None
+) -> int:
     """Run a node, or print its help; return the exit code.
 
     Parameters
@@ -27,6 +30,8 @@ def run_or_help(name: str, kind: type[Node], table: Table, arguments: Sequence[s
         Its parameters.
     arguments
         Of the command line, without the program's name.
+    stopping
+        Where the signals have been taken already.
     """
     if any(a in ("-h", "--help") for a in arguments):
         print(_help(name, kind, table))
@@ -34,7 +39,7 @@ def run_or_help(name: str, kind: type[Node], table: Table, arguments: Sequence[s
     if arguments and arguments[0] != "--ros-args":
         print(f"{name}: unknown argument '{arguments[0]}'; expected --ros-args ... or --help", file=sys.stderr)
         return 2
-    return run_node(kind, [name, *arguments])
+    return run_node(kind, [name, *arguments], stopping)
 
 
 def _help(name: str, kind: type[Node], table: Table) -> str:

@@ -56,22 +56,28 @@ def _seeds(text: str) -> int:
     return value
 
 
-def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
-    """Read the command line; exits with 2 and one line where it is wrong."""
-    parser = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
-    parser.add_argument(
+def parser() -> argparse.ArgumentParser:
+    """Return the command line."""
+    result = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
+    result.add_argument(
         "--seeds",
         type=_seeds,
         default=100,
         metavar="N",
         help="random numbers 0 to N-1 of the linear experiments; half as many flights, 3 or more (default: 100)",
     )
-    parser.add_argument(
+    result.add_argument(
         "--out", type=Path, default=Path("out/paper"), metavar="FOLDER", help="for the figures (default: out/paper)"
     )
-    parser.add_argument("--json", action="store_true", help="print one JSON object and nothing else on stdout")
-    parser.add_argument("--no-figures", action="store_true", help="draw and write nothing")
-    options = parser.parse_args(arguments)
+    result.add_argument("--json", action="store_true", help="print one JSON object and nothing else on stdout")
+    result.add_argument("--no-figures", action="store_true", help="draw and write nothing")
+    return result
+
+
+def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
+    """Read the command line; exits with 2 and one line where it is wrong."""
+    line = parser()
+    options = line.parse_args(arguments)
     if not options.no_figures:
         try:
             options.out.mkdir(parents=True, exist_ok=True)
@@ -79,7 +85,7 @@ def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
             probe.touch()
             probe.unlink()
         except OSError as error:
-            parser.error(f"--out '{options.out}' cannot be written: {error.strerror}")
+            line.error(f"--out '{options.out}' cannot be written: {error.strerror}")
     return options
 
 
@@ -94,7 +100,7 @@ def row_of(one: Statistic) -> dict[str, Any]:
 
 
 def render_table(table: list[Statistic]) -> str:
-    """Write the acceptance table for people."""
+    """Write the acceptance table as text."""
     head = "medians over the seeds where nothing else is said"
     width = max(len(text) for text in [head, *(one.statistic for one in table)])
     lines = [f"{head:{width}}  {'measured':>10}  {'low':>10}  {'high':>10}"]
@@ -106,7 +112,7 @@ def render_table(table: list[Statistic]) -> str:
 
 
 def render_claims(claims: list[Claim]) -> str:
-    """Write the claims for people."""
+    """Write the claims as text."""
     lines = []
     for one in claims:
         lines += textwrap.wrap(f"{one.verdict:10}  {one.claim} [{one.where}]", WIDTH, subsequent_indent=" " * 12)
@@ -115,7 +121,7 @@ def render_claims(claims: list[Claim]) -> str:
 
 
 def render_findings(findings: list[Finding]) -> str:
-    """Write the answers to the questions for people."""
+    """Write the answers to the questions as text."""
     lines = []
     for question, group in groupby(findings, key=lambda one: one.question):
         lines.append(question)

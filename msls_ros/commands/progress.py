@@ -17,7 +17,7 @@ class Progress:
     Parameters
     ----------
     label, unit
-        For people.
+        As shown.
     total
         Units in all.
     """

@@ -5,9 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from msls_ros.bags import BagError, repair
-from msls_ros.commands.node_help import run_or_help
-from msls_ros.nodes.recorder import PARAMETERS, RecorderNode
+from msls_ros.nodes.stopping import Stopping
 
 REPAIR = "usage: recorder --repair BAG    finish a bag that a killed recorder left, or that is damaged (MCAP)"
 
@@ -17,7 +15,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = sys.argv[1:] if argv is None else list(argv)
     if "--repair" in arguments:
         return _repair([a for a in arguments if a != "--repair"])
-    code = run_or_help("recorder", RecorderNode, PARAMETERS, arguments)
+    with Stopping() as stopping:
+        from msls_ros.commands.node_help import run_or_help
+        from msls_ros.nodes.recorder import PARAMETERS, RecorderNode
+
+        code = run_or_help("recorder", RecorderNode, PARAMETERS, arguments, stopping)
     if "-h" in arguments or "--help" in arguments:
         print(f"\n{REPAIR}")
     return code
@@ -28,6 +30,8 @@ def _repair(arguments: Sequence[str]) -> int:
         asked = "-h" in arguments or "--help" in arguments
         print(REPAIR if asked else f"recorder: expected one bag; {REPAIR}", file=sys.stdout if asked else sys.stderr)
         return 0 if asked else 2
+    from msls_ros.bags import BagError, repair
+
     try:
         done = repair(arguments[0])
     except BagError as error:

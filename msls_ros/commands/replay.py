@@ -23,8 +23,8 @@ from msls_ros.offline.replay import Replay, ReplayOptions, kept_parameters, repl
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
-The new bag holds the topics model, fault and dither as the identifier node would have published them, equal to the
-last bit, beside identifier.yaml. Without --params the parameters are those of identifier.yaml in the bag's folder,
+The new bag holds the topics model, fault and dither as the identifier node would have published them, bit for
+bit equal, beside identifier.yaml. Without --params the parameters are those of identifier.yaml in the bag's folder,
 which the demo writes; what was changed in flight by services or parameters is not known to a bag. Exit code: 0 also
 for a damaged bag of which a part was read (with warnings), 2 for one that gave nothing.
 """
@@ -237,7 +237,7 @@ def summary(bag: Path, out: Path, parameters: str, result: Replay) -> dict[str, 
 
 
 def describe(result: dict[str, Any]) -> str:
-    """Return the summary of one bag for people."""
+    """Return the summary of one bag as text."""
     refused = ", ".join(f"{count} {reason}" for reason, count in sorted(result["refused"].items())) or "none"
     lines = [
         f"{result['bag']} -> {result['out']}",

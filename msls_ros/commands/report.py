@@ -17,9 +17,9 @@ from msls_ros.offline.report_data import gather
 from msls_ros.report.errors import ReportError
 
 _EPILOG = """\
-The page needs nothing beside it: mail it as it is. It shows what the bag holds and says what is missing: a bag of an
-identifier without truth, one of inputs only (identified offline), one that was cut off. The detector's statistic is
-computed again from the inputs where the configuration is known: --params, or identifier.yaml in the bag's folder.
+The page needs no other file. It shows what the bag holds and lists what is missing: truth, models (the inputs are then
+identified offline), the end of a bag that was cut off. The detector's statistic is recomputed from the inputs where the
+configuration is known: --params, or identifier.yaml in the bag's folder.
 """
 PAGE = "report.html"
 
@@ -110,7 +110,7 @@ _SHARE = {"reading": lambda share: 20.0 * share, "identifying": lambda share: 20
 
 
 def default_folder(bag: Path) -> Path:
-    """Return where a bag's report goes unless told otherwise: beside the bag."""
+    """Return where a bag's report goes by default: beside the bag."""
     whole = bag.resolve()
     name = whole.name.split(".")[0] if whole.is_file() else whole.name
     return whole.parent / ("report" if name == "bag" else f"{name}_report")

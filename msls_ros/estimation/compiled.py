@@ -36,6 +36,9 @@ OPTIONS: dict[str, Any] = {"cache": True, "fastmath": False, "error_model": "num
 INTERPRETED_SAMPLE, INTERPRETED_STEP = 1.6e-4, 3.1e-7
 """What a sample costs interpreted, beside and per multiply-add [s]; CPython 3.11 on a server of 2025."""
 
+KERNELS: list[Any] = []
+"""Every compiled kernel of the room; empty where the kernels are interpreted."""
+
 _warned = False
 
 
@@ -46,10 +49,21 @@ def compiled(function: Callable[P, T]) -> Callable[P, T]:
     before = numba_config.CACHE_DIR
     numba_config.CACHE_DIR = _cache_folder()
     try:
-        compiled_function: Callable[P, T] = numba.njit(**OPTIONS)(function)
+        compiled_function: Callable[P, T] = _cached(function)
     finally:
         numba_config.CACHE_DIR = before
+    KERNELS.append(compiled_function)
     return compiled_function
+
+
+def _cached(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile with a cache on disk; without one where no folder can be written."""
+    try:
+        with_cache: Callable[P, T] = numba.njit(**OPTIONS)(function)
+    except RuntimeError:  # numba: "no locator available"
+        without: Callable[P, T] = numba.njit(**{**OPTIONS, "cache": False})(function)
+        return without
+    return with_cache
 
 
 @functools.cache

@@ -51,6 +51,13 @@ class Configuration:
     time_jump: float = parameter(
         1.0, "a step back in time larger than this starts anew; a smaller one is refused", unit="s", low=0.0
     )
+    pairing_tolerance: float = parameter(
+        0.0,
+        "largest difference between the stamps of a pair, less than half a sample period; 0: equal stamps",
+        unit="s",
+        low=0.0,
+        in_flight=False,
+    )
     estimator: EstimatorParameters = field(default_factory=EstimatorParameters)
     detector: DetectorParameters = field(default_factory=DetectorParameters)
     recovery: RecoveryParameters = field(default_factory=RecoveryParameters)
@@ -68,6 +75,12 @@ class Configuration:
             _check_length(f"dither.{name}", getattr(self.dither, name), m, "effector")
         _check_length("detector.floor_absolute", self.detector.floor_absolute, len(self.rows), "identified equation")
         _check_length("estimator.penalty_factors", self.estimator.penalty_factors, len(self.regressors), "regressor")
+        if self.pairing_tolerance * self.sample_rate >= 0.5:
+            message = (
+                f"parameter 'pairing_tolerance' is {self.pairing_tolerance:g}; it must be less than half a sample "
+            )
+            message += f"period, {0.5 / self.sample_rate:g} s"
+            raise EstimationError(message)
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
             raise EstimationError(message)

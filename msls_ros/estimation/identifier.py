@@ -233,6 +233,27 @@ class Identifier:
         return bool(self._events)
 
     @property
+    def last_dither(self) -> Dither:
+        """The dither that answers the last sample."""
+        return self._dither
+
+    def take_events(self) -> tuple[FaultEvent, ...]:
+        """Return the events since the last call; no estimate tells them again."""
+        events, self._events = tuple(self._events), []
+        return events
+
+    @property
+    def samples(self) -> int:
+        """Samples used since the last reset."""
+        return int(self._regression.state.samples[0])
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the estimates over the residual variance, as `warm_start` takes it; of the rows that share one."""
+        found: Array = self._regression.state.P[0, 0]
+        return 0.5 * (found + found.T)
+
+    @property
     def followed(self) -> float:
         """The estimate that is followed, after the last sample."""
         return float(self._regression.theta[self._followed])
@@ -324,7 +345,6 @@ class Identifier:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
         c = self.configuration
         model = self._assembly.build(np.ascontiguousarray(x, np.float64))
-        events, self._events = tuple(self._events), []
         return Estimate(
             time=time,
             states=c.states,
@@ -344,7 +364,7 @@ class Identifier:
             samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),
-            events=events,
+            events=self.take_events(),
             dither=self._dither,
         )
 

@@ -32,8 +32,9 @@ from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.inputs.field_paths import listed
-from msls_ros.inputs.input_map import VECTORS, InputMap, StreamInput
-from msls_ros.inputs.synchronizer import PairedSample, Refused, Synchronizer
+from msls_ros.inputs.input_map import VECTORS, InputMap, StreamInput, TopicInput
+from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
+from msls_ros.inputs.timeline import Refused, Timeline
 
 _ANGLES = ("Phi", "Theta", "Psi")
 _VELOCITY = ("u", "v", "w")
@@ -80,7 +81,8 @@ class InputAdapter:
     states, effectors
         Names that the identifier wants.
     time_jump
-        A step back in time larger than this [s] starts anew; a message that goes back less is refused.
+        A step back in time larger than this [s] starts anew, once confirmed (see `timeline`); a message that goes back
+        less is refused.
     refused
         Where refusals are counted by reason; None: in a counter of its own.
     report
@@ -109,7 +111,7 @@ class InputAdapter:
         self.restarts = 0
         """Jumps back in time."""
         self._report = report
-        self._jump = round(time_jump * 1e9)
+        self._timeline: Timeline[tuple[str, Any]] = Timeline(round(time_jump * 1e9), self._refuse)
         self._states, self._effectors = tuple(states), tuple(effectors)
         self.methods: Mapping[str, str] = _plan(inputs, self._states, self._effectors)
         """How the derivative of each state comes about: see the module."""
@@ -162,15 +164,26 @@ class InputAdapter:
         if source is None:
             return []
         try:
-            stamp = source.instant(stamp_ns, message)
-            self._check_stamp(topic, stamp)
-            for index, stream in self._of_topic[topic]:
-                self._take(index, stream, stamp, message)
+            passed = self._timeline.take(f"topic {topic}", source.instant(stamp_ns, message), (topic, message))
         except Refused as refused:
             self._refuse(refused)
             return []
         except EstimationError as error:
             text = f"topic {topic} ({source.msgtype}): {error}"
+            raise EstimationError(text) from None
+        if passed.restarted:
+            self._begin_anew()
+            self.restarts += 1
+        rows = (self._use(self._topic_inputs[name], stamp, each) for _, stamp, (name, each) in passed.items)
+        return [row for found in rows for row in found]
+
+    def _use(self, source: TopicInput, stamp: int, message: Any) -> list[Row]:
+        """Read a message whose stamp has passed; return what became complete."""
+        try:
+            for index, stream in self._of_topic[source.topic]:
+                self._take(index, stream, stamp, message)
+        except EstimationError as error:
+            text = f"topic {source.topic} ({source.msgtype}): {error}"
             raise EstimationError(text) from None
         if source is self.inputs.topics[self.inputs.clock]:
             self._aligner.tick(stamp - source.delay)
@@ -202,7 +215,10 @@ class InputAdapter:
         self._restart()
 
     def _restart(self) -> None:
-        self._last: dict[str, int] = {}
+        self._timeline.clear()
+        self._begin_anew()
+
+    def _begin_anew(self) -> None:
         self._continued: dict[str, float] = {}
         self._aligner.clear()
         if self._filter is not None:
@@ -211,17 +227,6 @@ class InputAdapter:
     def _refuse(self, refused: Refused) -> None:
         self.refused[refused.reason] += 1
         self._report(refused)
-
-    def _check_stamp(self, topic: str, stamp: int) -> None:
-        last = self._last.get(topic)
-        if last is not None and stamp <= last:
-            if last - stamp <= self._jump:
-                word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
-                text = f"topic {topic}: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s)"
-                raise Refused(word, f"{text}; expected a later one")
-            self._restart()
-            self.restarts += 1
-        self._last[topic] = stamp
 
     def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> None:
         """Read a stream from a message; what cannot be used is refused, the other streams are not."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import LARGEST
-from msls_ros.inputs.synchronizer import PENDING, Array, NamedVector, Refused, Synchronizer
+from msls_ros.inputs.synchronizer import PENDING, RECENT, Array, NamedVector, Refused, Synchronizer
 
 
 class Stream(NamedTuple):
@@ -62,14 +62,17 @@ def pair_block(
     streams = (gate._states, gate._effectors)
     if not len(stamps) or not np.array_equal(stamps, effectors.stamps) or not (stamps[1:] > stamps[:-1]).all():
         return None
-    if any(s.pending or (s.last is not None and stamps[0] <= s.last) for s in streams):
+    last = gate._timeline.last
+    if gate._timeline.waiting or any(s.pending or (s.name in last and stamps[0] <= last[s.name]) for s in streams):
         return None
     if order is not None and np.abs(np.cumsum(np.where(order, 1, -1))).max() > PENDING:
         return None
     arranged = [_arranged(gate._states.vector, states), _arranged(gate._effectors.vector, effectors)]
     if arranged[0] is None or arranged[1] is None:
         return None
-    gate._states.last = gate._effectors.last = int(stamps[-1])
+    for stream in streams:
+        last[stream.name] = int(stamps[-1])
+        stream.recent.extend(stamps[-RECENT:].tolist())
     gate.paired += len(stamps)
     restarted, gate._restarted = gate._restarted, False
     return PairedBlock(restarted, stamps, arranged[0][0], arranged[0][1], arranged[1][0])

@@ -71,6 +71,19 @@ class FieldPath:
                 raise Refused("field_missing", text) from None
         return value
 
+    def write(self, message: Any, value: float) -> None:
+        """Put a number where the path leads.
+
+        Raises
+        ------
+        EstimationError, Refused
+            As `read`; nothing has changed then.
+        """
+        self.read(message)
+        for part in self._parts[:-1]:
+            message = part.read(message)
+        self._parts[-1].write(message, value)
+
     def _no_field(self, message: Any, missing: _Part) -> str:
         """Say which part of the path does not exist, and what does."""
         value, walked = message, ""
@@ -102,6 +115,13 @@ class _Part:
         if self._index >= len(found):
             raise IndexError(f"'{self.name}' has {len(found)} elements; expected more than {self._index}")
         return found[self._index]
+
+    def write(self, owner: Any, value: float) -> None:
+        if self.key is None and self._index < 0:
+            setattr(owner, self.name, value)
+            return
+        found = getattr(owner, self.name)
+        found[self._index if self.key is None else self._place(getattr(owner, self.key), len(found))] = value
 
     def _place(self, names: Sequence[str], length: int) -> int:
         """Return where the name stands; it is looked for first where it was last."""

@@ -6,8 +6,9 @@
 from __future__ import annotations
 
 import os
+import re
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,13 @@ from msls_ros.estimation.sections import Bounds
 from msls_ros.inputs import InputMap
 
 WIDTH = 116
-OTHER = ("autostart", "publish_every", "use_sim_time", "inputs")
-"""Entries of a parameter file that are not of the `Configuration`."""
+_WILD = {"**": r"(/[^/]+)*", "*": r"/[^/]+"}
+"""Words of a section's name that stand for others, as regular expressions."""
+OTHER = (
+    *("autostart", "publish_every", "use_sim_time", "inputs"),
+    *("frame_id", "queue", "lockstep", "model_file", "warm_start", "qos_overrides"),
+)
+"""Entries of a parameter file that are the node's, not of the `Configuration`."""
 
 
 def config_folder() -> Path:
@@ -126,12 +132,42 @@ def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
         message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
         raise EstimationError(message) from error
     if isinstance(content, Mapping):
+        sections = dict(_sections(content))
         for node in ("identifier", "/identifier", "/**"):
-            section = content.get(node)
-            if isinstance(section, Mapping) and isinstance(section.get("ros__parameters"), Mapping):
-                return path, section["ros__parameters"]
-    message = f"parameter file '{path}': has no section 'identifier: ros__parameters:'"
+            if node in sections:
+                return path, sections[node]
+    message = f"parameter file '{path}': has no section '/**: ros__parameters:' or 'identifier: ros__parameters:'"
     raise EstimationError(message)
+
+
+def _sections(content: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Yield the sections of a parameter file: the name of their nodes and what is below ``ros__parameters``."""
+    for name, below in content.items():
+        if not isinstance(below, Mapping):
+            continue
+        full = f"{prefix}/{str(name).lstrip('/')}" if prefix else str(name)
+        if isinstance(below.get("ros__parameters"), Mapping):
+            yield full, below["ros__parameters"]
+        yield from _sections({k: v for k, v in below.items() if k != "ros__parameters"}, full)
+
+
+def matches_node(path: str | os.PathLike[str], node: str) -> bool:
+    """Whether a parameter file that ROS can read has a section for a node.
+
+    Parameters
+    ----------
+    path
+        Of the file.
+    node
+        Fully qualified name, as ``/left/identifier``. In the file ``*`` stands for one word of it, ``**`` for any
+        number of them.
+    """
+    content = yaml.safe_load(Path(path).read_text(encoding="utf-8"))
+    for name, _ in _sections(content if isinstance(content, Mapping) else {}):
+        words = [_WILD.get(word, "/" + re.escape(word)) for word in name.split("/") if word]
+        if re.fullmatch("".join(words), node):
+            return True
+    return False
 
 
 def render_profile(configuration: Configuration, title: str) -> str:
@@ -145,7 +181,7 @@ def render_profile(configuration: Configuration, title: str) -> str:
         First lines of the file, without ``#``.
     """
     lines = [f"# {line}".rstrip() for line in title.strip().splitlines()]
-    lines += ["", "identifier:", "  ros__parameters:"]
+    lines += ["", "/**:", "  ros__parameters:"]
     section = ""
     for name, value, bounds in items(configuration):
         head, _, leaf = name.rpartition(".")
@@ -184,7 +220,7 @@ def _yaml(value: Any) -> str:
 def refresh() -> None:
     """Write every shipped profile again: its values and title as they are, the manual as it is now."""
     for path in sorted(config_folder().glob("*.yaml")):
-        head = path.read_text(encoding="utf-8").split("\n\nidentifier:")[0]
+        head = path.read_text(encoding="utf-8").split("\n\n/**:")[0]
         title = "\n".join(line[2:] for line in head.splitlines())
         path.write_text(render_profile(read_profile(path), title), encoding="utf-8")
 

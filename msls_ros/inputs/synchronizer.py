@@ -1,25 +1,31 @@
 """Pairs states and deflections by stamp, and refuses what cannot be used: one gate for live data, bags and tests.
 
-A state sample and an effector sample of one stamp make one sample. What is refused is counted by reason; nothing is
-dropped silently. Stamps are whole nanoseconds.
+A state sample and an effector sample of one stamp (or, where asked for, of nearly one) make one sample. What is refused
+is counted by reason; nothing is dropped silently. Stamps are whole nanoseconds.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation import LARGEST
+from msls_ros.estimation import LARGEST, Configuration
+from msls_ros.inputs.timeline import Refused, Timeline
+
+__all__ = ["PENDING", "NamedVector", "PairedSample", "Refused", "Synchronizer"]
 
 Array = NDArray[np.float64]
+Arrays = tuple[Array, ...]
 
 PENDING = 64
 """Unpaired samples kept per stream before the oldest is given up."""
+RECENT = 2 * PENDING
+"""Stamps remembered per stream, to say how far the partner was."""
 
 
 class PairedSample(NamedTuple):
@@ -37,15 +43,6 @@ class PairedSample(NamedTuple):
     def time(self) -> float:
         """Time of the sample [s]."""
         return self.stamp * 1e-9
-
-
-class Refused(ValueError):
-    """A message was refused: ``reason`` is the word it is counted under, the text says what was found and expected."""
-
-    def __init__(self, reason: str, text: str) -> None:
-        """Take the word and the sentence."""
-        super().__init__(text)
-        self.reason = reason
 
 
 class NamedVector:
@@ -123,17 +120,26 @@ class NamedVector:
 
 
 class _Stream:
-    """One input stream: its vector, what waits for a partner by stamp, the last stamp."""
+    """One input stream: its vector, what waits for a partner by stamp, the newest stamps."""
 
-    __slots__ = ("last", "pending", "vector")
+    __slots__ = ("pending", "recent", "vector")
 
     def __init__(self, kind: str, names: Sequence[str]) -> None:
         self.vector = NamedVector(kind, names)
-        self.clear()
+        self.pending: dict[int, Arrays] = {}
+        self.recent: deque[int] = deque(maxlen=RECENT)
+
+    @property
+    def name(self) -> str:
+        return f"{self.vector.kind} sample"
 
     def clear(self) -> None:
-        self.pending: dict[int, tuple[Array, ...]] = {}
-        self.last: int | None = None
+        self.pending.clear()
+        self.recent.clear()
+
+    def nearest(self, stamp: int) -> int | None:
+        """Return the nearest stamp among those that wait."""
+        return min(self.pending, key=lambda s: abs(s - stamp), default=None)
 
 
 class Synchronizer:
@@ -144,13 +150,28 @@ class Synchronizer:
     states, effectors
         Names in the order that the identifier wants. Messages may carry them in another order, and more of them.
     time_jump
-        A step back in time larger than this [s] starts anew; a smaller one is refused.
+        A step back in time larger than this [s] starts anew, once it is confirmed (see `timeline`); a smaller one is
+        refused.
+    tolerance
+        Largest difference between the stamps of a pair [s], less than half the period of the samples; 0: equal stamps.
+        The sample has the stamp of its state.
+    report
+        Told of each message that is refused after it was taken: unpaired, or with a rogue stamp.
     """
 
-    def __init__(self, states: Sequence[str], effectors: Sequence[str], time_jump: float = 1.0) -> None:
+    def __init__(
+        self,
+        states: Sequence[str],
+        effectors: Sequence[str],
+        time_jump: float = 1.0,
+        tolerance: float = 0.0,
+        report: Callable[[Refused], None] = lambda _: None,
+    ) -> None:
         """Start with nothing pending; see the class."""
         self._states, self._effectors = _Stream("state", states), _Stream("effector", effectors)
-        self._jump = round(time_jump * 1e9)
+        self._streams = {s.name: s for s in (self._states, self._effectors)}
+        self._timeline: Timeline[Arrays] = Timeline(round(time_jump * 1e9), self._late)
+        self._tolerance, self._report = round(tolerance * 1e9), report
         self.refused: Counter[str] = Counter()
         """Messages refused, by reason."""
         self.paired = 0
@@ -159,10 +180,22 @@ class Synchronizer:
         """Jumps back in time."""
         self.clear()
 
+    @classmethod
+    def of(cls, configuration: Configuration, report: Callable[[Refused], None] = lambda _: None) -> Synchronizer:
+        """Return the gate of an identifier."""
+        c = configuration
+        return cls(c.states, c.effectors, c.time_jump, c.pairing_tolerance, report)
+
+    @property
+    def newest(self) -> int:
+        """The newest stamp that passed [ns]; 0 before the first."""
+        return max(self._timeline.last.values(), default=0)
+
     def clear(self) -> None:
         """Forget what is pending and the last stamps; the counts stay."""
-        self._states.clear()
-        self._effectors.clear()
+        for stream in self._streams.values():
+            stream.clear()
+        self._timeline.clear()
         self._restarted = False
 
     def add_state(
@@ -200,47 +233,58 @@ class Synchronizer:
         self.refused[reason] += 1
         return Refused(reason, text)
 
+    def _late(self, refused: Refused) -> None:
+        """Count and report the refusal of a message that was taken before."""
+        self.refused[refused.reason] += 1
+        self._report(refused)
+
     def _add(
         self, stream: _Stream, stamp: int, names: Sequence[str], fields: Mapping[str, Sequence[float]]
     ) -> PairedSample | None:
         try:
             arrays = stream.vector.arrange_fields(names, fields)
+            passed = self._timeline.take(stream.name, stamp, arrays)
         except Refused as refused:
             self.refused[refused.reason] += 1
             raise
-        if stream.last is not None and stamp <= stream.last:
-            self._step_back(stream.vector.kind, stamp, stream.last)
-        stream.last = stamp
-        stream.pending[stamp] = arrays
-        return self._pair(stamp, stream)
+        if passed.restarted:
+            for each in self._streams.values():
+                each.clear()
+            self._restarted = True
+            self.restarts += 1
+        pairs = [self._pair(self._streams[name], at, item) for name, at, item in passed.items]
+        return next((p for p in pairs if p is not None), None)
 
-    def _step_back(self, kind: str, stamp: int, last: int) -> None:
-        """Refuse a stamp that repeats or goes back a little; start anew, in both streams, where it jumps back."""
-        if last - stamp <= self._jump:
-            word, what = ("stamp_repeated", "repeats") if stamp == last else ("stamp_back", "goes back")
-            text = f"{kind} sample: stamp {stamp * 1e-9:.9f} s {what} (last {last * 1e-9:.9f} s); expected a later one"
-            raise self.refuse(word, text)
-        self.clear()
-        self._restarted = True
-        self.restarts += 1
+    def _pair(self, stream: _Stream, stamp: int, arrays: Arrays) -> PairedSample | None:
+        """Pair a message with what waits in the other stream, or let it wait."""
+        other = self._effectors if stream is self._states else self._states
+        stream.recent.append(stamp)
+        partner: int | None = stamp
+        if self._tolerance:
+            partner = other.nearest(stamp)
+        if partner is None or partner not in other.pending or abs(partner - stamp) > self._tolerance:
+            stream.pending[stamp] = arrays
+            if len(stream.pending) > PENDING:
+                self._give_up(stream, next(iter(stream.pending)) + 1)
+            return None
+        found = other.pending.pop(partner)
+        for each, before in ((stream, stamp), (other, partner)):
+            if each.pending:
+                self._give_up(each, before)
+        (x, xdot), (delta,) = (arrays, found) if stream is self._states else (found, arrays)
+        self.paired += 1
+        restarted, self._restarted = self._restarted, False
+        return PairedSample(stamp if stream is self._states else partner, x, xdot, delta, restarted)
 
-    def _pair(self, stamp: int, stream: _Stream) -> PairedSample | None:
-        states, effectors = self._states.pending, self._effectors.pending
-        if stamp in states and stamp in effectors:
-            x, xdot = states.pop(stamp)
-            (delta,) = effectors.pop(stamp)
-            if states or effectors:
-                self._give_up(stamp)
-            self.paired += 1
-            restarted, self._restarted = self._restarted, False
-            return PairedSample(stamp, x, xdot, delta, restarted)
-        if len(stream.pending) > PENDING:
-            self._give_up(next(iter(stream.pending)) + 1)
-        return None
-
-    def _give_up(self, before: int) -> None:
-        """Count and drop what is older and can no longer be paired."""
-        for stream in (self._states, self._effectors):
-            for stamp in [s for s in stream.pending if s < before]:
-                del stream.pending[stamp]
-                self.refused[f"{stream.vector.kind}_unpaired"] += 1
+    def _give_up(self, stream: _Stream, before: int) -> None:
+        """Count, report and drop what is older and can no longer be paired."""
+        other = self._effectors if stream is self._states else self._states
+        for stamp in [s for s in stream.pending if s < before]:
+            del stream.pending[stamp]
+            text = f"{stream.name} at {stamp * 1e-9:.9f} s has no partner: no {other.name} has come"
+            if other.recent:
+                nearest = min(other.recent, key=lambda s: abs(s - stamp)) - stamp
+                text = f"{stream.name} at {stamp * 1e-9:.9f} s has no partner: the nearest {other.name} is stamped "
+                text += f"{nearest * 1e-6:+.6f} ms from it; expected within pairing_tolerance, "
+                text += f"{self._tolerance * 1e-6:g} ms"
+            self._late(Refused(f"{stream.vector.kind}_unpaired", text))

@@ -30,6 +30,8 @@ CONNECT_TIME_OUT = 30.0
 """Wall-clock wait for the nodes to find each other [s]."""
 SETTLING_TIME = 0.1
 """Wall-clock wait for whoever else is in the domain to be seen [s]."""
+LOCKSTEP = {"use_sim_time": True, "lockstep": True, "queue": 2.0}
+"""Of an identifier whose every answer is waited for."""
 DRAIN_TIME_OUT = 10.0
 """Wall-clock wait for the recorder to write the last messages [s]."""
 
@@ -106,7 +108,7 @@ def fly(
         recorder: RecorderNode = add(RecorderNode, {"out": str(bag), "overwrite": overwrite})
         keep_parameters(bag, configuration)
         pilot: PilotNode = add(PilotNode, {"condition": scenario.condition, "manoeuvre": scenario.manoeuvre})
-        identifier: IdentifierNode = add(IdentifierNode, {**as_mapping(configuration), "use_sim_time": True})
+        identifier: IdentifierNode = add(IdentifierNode, {**as_mapping(configuration), **LOCKSTEP})
         plant: PlantNode = add(PlantNode, _plant_parameters(scenario, noise, seed))
         nodes = [recorder, pilot, identifier, plant]
         _connect(executor, nodes)

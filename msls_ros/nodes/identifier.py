@@ -2,26 +2,29 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticStatus
-from lifecycle_msgs.srv import ChangeState
-from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from rcl_interfaces.msg import SetParametersResult
-from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
-from msls_ros import messages
 from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, Identifier, Level
-from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
-from msls_ros.nodes.inputs import declare_inputs, subscribe
+from msls_ros.estimation.compiled import HAVE_NUMBA
+from msls_ros.estimation.warm_up import warm_up
+from msls_ros.inputs import PairedSample, Refused, Synchronizer
+from msls_ros.inputs.freshness import Freshness, RateWatch
+from msls_ros.inputs.model_file import start_from, write_model
+from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
+from msls_ros.nodes.monitoring import Monitor, judged, told
+from msls_ros.nodes.outputs import Outputs
 from msls_ros.nodes.parameters import (
     NodeError,
     configuration_table,
@@ -32,17 +35,34 @@ from msls_ros.nodes.parameters import (
     read_configuration,
     warn_of_unknown,
 )
-from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.quality import best_effort, depth_of, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
+from msls_ros.nodes.transitions import guard_transitions
+from msls_ros.records import FRAME
 
 SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
 NODE_PARAMETERS = {
     "autostart": fixed(True, "configure and activate at the start"),
     "publish_every": fixed(1, "samples per published model", unit="samples", low=1, high=1_000_000),
+    "frame_id": fixed(FRAME, "frame of all that is published"),
+    "queue": fixed(
+        0.1, "what the queues hold; at a backlog the newest are kept", unit="s of samples", low=0.001, high=60.0
+    ),
+    "lockstep": fixed(False, "the plant waits for every answer: samples are never old, however long that takes"),
+    "model_file": fixed("model.yaml", "where ~/save_model writes what has been learnt"),
+    "warm_start": fixed("", "such a file to start from; empty: from nothing"),
 }
 PARAMETERS = {**NODE_PARAMETERS, **configuration_table()}
-WATCH_PERIOD = 0.02
-"""How often the age of the newest sample is looked at [s]."""
+COMPILING = 0.5
+"""A warm-up longer than this has compiled something [s]."""
+WAITING = 5.0
+"""How often it is said what is waited for [s]."""
+FOREIGN_RATE = 4.0
+"""Messages of other stacks come this much faster than the samples that are made of them."""
+KEPT = 2.0
+"""What is kept for those who listen, a recorder that writes to disk among them [s]."""
+GOODBYE = 0.5
+"""How long the last dither may take to reach those who listen [s]."""
 
 
 class IdentifierNode(LifecycleNode):
@@ -65,37 +85,25 @@ class IdentifierNode(LifecycleNode):
         """Declare the parameters; with ``autostart`` configure and activate."""
         super().__init__(name, **options)
         declare_configuration(self)
-        p = declare_table(self, NODE_PARAMETERS)
+        self._p = declare_table(self, NODE_PARAMETERS)
         self._inputs = declare_inputs(self)
         warn_of_unknown(self)
-        self._guard_transitions()
-        self._every = p["publish_every"]
+        guard_transitions(self)
+        self._steady: Callable[[], int] = time.monotonic_ns
         self._identifier: Identifier | None = None
+        self._sample: PairedSample | None = None
         self._active = False
         self._stale = True
         self.events = 0
         """Fault events published."""
-        self.estimate: Estimate | None = None
-        """The last estimate."""
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
-        if p["autostart"]:
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
+        self.get_logger().info(f"started, kernels {'compiled' if HAVE_NUMBA else 'interpreted'}")
+        if self._p["autostart"]:
             self._start()
-
-    def _guard_transitions(self) -> None:
-        """Answer a transition that the present state does not have with no; rclpy would end the process over it."""
-
-        def guarded(answer: Callable[[Any, Any], Any], request: Any, response: Any) -> Any:
-            try:
-                return answer(request, response)
-            except RCLError as error:
-                self.get_logger().warning(f"refused (transition): {str(error).splitlines()[0]}")
-                response.success = False
-                return response
-
-        for service in self.services:
-            if service.srv_type is ChangeState:
-                service.callback = partial(guarded, service.callback)
+        else:
+            self.get_logger().info("waiting to be configured")
 
     def _start(self) -> None:
         for transition in (self.trigger_configure, self.trigger_activate):
@@ -108,104 +116,128 @@ class IdentifierNode(LifecycleNode):
         """The gate, with its counts; once configured."""
         return self._synchronizer
 
+    @property
+    def estimate(self) -> Estimate | None:
+        """The estimate after the last sample; None: there was none."""
+        if self._identifier is None or self._sample is None:
+            return None
+        return self._identifier.estimate(self._sample.time, self._sample.x)
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the identifier from the parameters, and the topics."""
         try:
             configuration = read_configuration(self)
             self._build(configuration)
-            self._subscriptions_made = self._subscribe()
+            self._subscriptions_made = self._subscribe(configuration)
         except (EstimationError, NodeError) as error:
             self.get_logger().error(str(error))
             return FAILURE
-        self._model_publisher = self.create_lifecycle_publisher(LinearModel, "model", OUTPUT)
-        self._fault_publisher = self.create_lifecycle_publisher(FaultEvent, "fault", OUTPUT)
-        self._dither_publisher = self.create_lifecycle_publisher(DitherCommand, "dither", OUTPUT)
+        depth = reliable(depth_of(KEPT, configuration.sample_rate))
+        self._outputs = Outputs(self, configuration, self._p["frame_id"], depth)
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
+            self.create_service(SetBool, "~/freeze", self._on_freeze),
+            self.create_service(Trigger, "~/save_model", self._on_save_model),
         ]
-        self._watch = self.create_timer(WATCH_PERIOD, self._watch_inputs, clock=self._age_clock)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._watch = self.create_timer(self._stale_after(), self._watch_inputs, clock=steady)
+        self._reminder = self.create_timer(WAITING, self._say_what_is_missing, clock=steady)
         self._diagnostics = Diagnostics(self, self._health, self._synchronizer.refused)
+        c = configuration
+        names = f"{len(c.states)} states, {len(c.effectors)} effectors, {c.sample_rate:g} Hz"
+        self.get_logger().info(f"configured: {names}; inputs {', '.join(self._topics)}")
         return SUCCESS
 
-    def _subscribe(self) -> list[Subscription]:
+    def _subscribe(self, configuration: Configuration) -> list[Subscription]:
+        depth = depth_of(self._p["queue"], configuration.sample_rate)
         if self._adapter is not None:
-            return subscribe(self, self._adapter.topics, self._on_foreign)
-        return [
-            self.create_subscription(StateSample, "state", self._on_state, INPUT),
-            self.create_subscription(EffectorSample, "effectors", self._on_effectors, INPUT),
-        ]
+            foreign = best_effort(depth_of(FOREIGN_RATE * self._p["queue"], configuration.sample_rate))
+            return subscribe(self, self._adapter.topics, foreign, self._on_foreign)
+        return subscribe_own(self, reliable(depth), self._on_own)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to use what comes in."""
         self._active = True
+        self._reminder.reset()
+        self.get_logger().info(f"active: waiting for the first sample on {' and '.join(self._topics)}")
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the dither, then ignore what comes in."""
         self._inhibit("the identifier is deactivated")
         self._active = False
+        self.get_logger().info("inactive: samples are ignored")
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Give the topics back and forget everything."""
         self.destroy_timer(self._watch)
+        self.destroy_timer(self._reminder)
         self._diagnostics.destroy()
         for service in self._services_offered:
             self.destroy_service(service)
         for subscription in self._subscriptions_made:
             self.destroy_subscription(subscription)
-        for publisher in (self._model_publisher, self._fault_publisher, self._dither_publisher):
-            self.destroy_lifecycle_publisher(publisher)
-        self._identifier = None
+        self._outputs.destroy()
+        self._identifier = self._sample = None
         self._stale = True
+        self.get_logger().info("unconfigured: everything is forgotten")
         return SUCCESS
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the dither; the process ends."""
-        if self._active:
-            self._inhibit("the identifier shuts down")
-        self._active = False
+        self.say_goodbye()
         return SUCCESS
 
+    def say_goodbye(self) -> None:
+        """Stop the dither, and wait until those who listen know."""
+        if self._active:
+            self._stop("the identifier shuts down")
+            self._outputs.wait_sent(GOODBYE)
+        self._active = False
+        self.get_logger().info("shutting down")
+
     def _build(self, configuration: Configuration) -> None:
-        """Make identifier and gate, and compile the kernels before the first sample comes."""
+        """Make identifier and gate, and compile every kernel before the first sample comes."""
+        took = warm_up()
+        if took > COMPILING and HAVE_NUMBA:
+            self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
         self._identifier = Identifier(configuration)
-        n, m = len(configuration.states), len(configuration.effectors)
-        self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
-        self._identifier.reset()
-        self._synchronizer = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+        if self._p["warm_start"]:
+            start_from(self._identifier, Path(self._p["warm_start"]))
+            self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")
+        self._synchronizer = Synchronizer.of(configuration, lambda refused: self._refusals.take(refused))
         self._refusals = Refusals(self, self._synchronizer.refused)
-        self._adapter = self._make_adapter(configuration)
-        simulated = self.get_parameter("use_sim_time").value
-        self._age_clock: Clock = self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        self._adapter = None
+        if self._inputs is not None:
+            self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._refusals.take)
+        self._own = OwnInputs(self._synchronizer)
+        self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
+        self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
+        self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
 
-    def _make_adapter(self, configuration: Configuration) -> InputAdapter | None:
-        if self._inputs is None:
-            return None
-        return InputAdapter(
-            self._inputs,
-            configuration.states,
-            configuration.effectors,
-            time_jump=configuration.time_jump,
-            refused=self._synchronizer.refused,
-            report=self._refusals.take,
-        )
+    def _stale_after(self) -> float:
+        assert self._identifier is not None
+        return max(self._identifier.configuration.dither.stale_after, 1e-3)
 
-    def _on_state(self, message: StateSample) -> None:
-        stamp = messages.stamp_of(message)
-        self._offer(lambda: self._synchronizer.add_state(stamp, message.states, message.x, message.xdot))
+    def _now(self) -> int:
+        """Return the ROS clock [ns]."""
+        return self.get_clock().now().nanoseconds if self._simulated else time.time_ns()
 
-    def _on_effectors(self, message: EffectorSample) -> None:
-        stamp = messages.stamp_of(message)
-        self._offer(lambda: self._synchronizer.add_effectors(stamp, message.effectors, message.delta))
+    def _on_own(self, topic: str, data: bytes) -> None:
+        """Take a serialised message of our own."""
+        if self._active:
+            self._monitor.traffic[topic].tick(self._steady())
+            self._offer(partial(self._own.offer, topic, data))
 
     def _on_foreign(self, topic: str, message: Any) -> None:
         """Take a message of another type: the rows that it completes go the way of our own messages."""
         if not self._active or self._adapter is None:
             return
+        self._monitor.traffic[topic].tick(self._steady())
         try:
-            rows = self._adapter.push(topic, self.get_clock().now().nanoseconds, message)
+            rows = self._adapter.push(topic, self._now(), message)
         except EstimationError as error:
             self._refusals.take(self._synchronizer.refuse("field", str(error)))
             return
@@ -214,8 +246,7 @@ class IdentifierNode(LifecycleNode):
 
     def _offer(self, add: Callable[[], PairedSample | None]) -> None:
         """Put a message through the gate; use the sample that it completes."""
-        if not self._active:
-            return
+        start = time.monotonic_ns()
         try:
             sample = add()
         except Refused as refused:
@@ -223,49 +254,90 @@ class IdentifierNode(LifecycleNode):
             return
         if sample is not None:
             self._use(sample)
+            self._monitor.took(time.monotonic_ns() - start)
 
     def _use(self, sample: PairedSample) -> None:
         """Update with a sample and publish what comes of it."""
         assert self._identifier is not None
         if sample.restarted:
-            self.get_logger().warning(f"time jumped back to {sample.time:.3f} s: starting anew")
+            text = f"time jumped back to {sample.time:.3f} s: starting anew"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._identifier.reset()
-        names = self._identifier.configuration.effectors
-        self.estimate = estimate = self._identifier.update(sample.time, sample.x, sample.xdot, sample.delta)
-        self._stale = False
-        self._last_stamp, self._arrived = sample.stamp, self._age_clock.now().nanoseconds
-        self._dither_publisher.publish(messages.dither_message(sample.stamp, names, estimate.dither))
-        for event in estimate.events:
+            self._rate.clear()
+        elif self._sample is None:
+            self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
+        dither = self._identifier.learn(sample.time, sample.x, sample.xdot, sample.delta)
+        self._sample = sample
+        if self._old(sample):
+            self._monitor.old += 1
+        else:
+            self._stale, self._arrived = False, self._steady()
+            self._watch.reset()
+            self._outputs.dither(sample.stamp, dither)
+        for event in self._identifier.take_events():
             self.get_logger().warning(event.description)
-            self._fault_publisher.publish(messages.fault_message(sample.stamp, event))
+            self._outputs.fault(sample.stamp, event)
+            self._monitor.last_event = event.description
             self.events += 1
-        if estimate.samples % self._every == 0:
-            self._model_publisher.publish(messages.model_message(sample.stamp, estimate))
+        if self._identifier.samples % self._p["publish_every"] == 0 and self._outputs.model_wanted:
+            self._outputs.model(sample.stamp, self._identifier.estimate(sample.time, sample.x))
+        if self._rate.take(sample.stamp):
+            self.get_logger().warning(self._rate.sentence)
+
+    def _old(self, sample: PairedSample) -> bool:
+        """Whether a sample is too old to be answered by a dither; it is learnt from all the same."""
+        if self._p["lockstep"]:
+            return False
+        assert self._identifier is not None
+        c = self._identifier.configuration
+        age = self._monitor.age = self._freshness.age(sample.stamp, self._synchronizer.newest, self._now()) * 1e-9
+        self._monitor.backlog = max(round(age * c.sample_rate), 0)
+        if age <= c.dither.stale_after:
+            return False
+        text = f"samples are {age:.2f} s old, more than {c.dither.stale_after:g} s: learnt from, but no dither for them"
+        self.get_logger().warning(text, throttle_duration_sec=1.0)
+        return True
 
     def _watch_inputs(self) -> None:
         """Set the dither to zero when the samples have stopped."""
-        if self._stale or self._identifier is None:
+        if self._stale or self._identifier is None or self._p["lockstep"]:
             return
-        age = (self._age_clock.now().nanoseconds - self._arrived) * 1e-9
+        age = (self._steady() - self._arrived) * 1e-9
         limit = self._identifier.configuration.dither.stale_after
         if age > limit:
             reason = f"no sample for {age:.2f} s, more than {limit:g} s"
-            self.get_logger().warning(f"{reason}: the dither is zero")
+            self.get_logger().warning(f"{reason}: the dither is zero", throttle_duration_sec=1.0)
             self._inhibit(reason)
+
+    def _say_what_is_missing(self) -> None:
+        """Say what is waited for while no sample has come."""
+        if not self._active or self._sample is not None:
+            return
+        found = [
+            f"{topic} ({self.count_publishers(self.resolve_topic_name(topic))} publishers, {traffic.count} messages)"
+            for topic, traffic in self._monitor.traffic.items()
+        ]
+        self.get_logger().info(f"waiting for a sample: {', '.join(found)}")
 
     def _inhibit(self, reason: str) -> None:
         """Publish a zero dither, once until samples come again."""
-        if self._stale or self._identifier is None:
+        if not self._stale:
+            self._stop(reason)
+
+    def _stop(self, reason: str) -> None:
+        if self._identifier is None:
             return
         self._stale = True
-        names = self._identifier.configuration.effectors
-        dither = Dither(np.zeros(len(names)), 0.0, 0.0, 0.0, Level.INHIBITED, reason)
-        self._dither_publisher.publish(messages.dither_message(self._last_stamp, names, dither))
+        self._watch.cancel()
+        count = len(self._identifier.configuration.effectors)
+        stamp = self._now() if self._sample is None else self._sample.stamp
+        self._outputs.dither(stamp, Dither(np.zeros(count), 0.0, 0.0, 0.0, Level.INHIBITED, reason))
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._identifier is not None
         self._identifier.reset()
         self._synchronizer.clear()
+        self._rate.clear()
         if self._adapter is not None:
             self._adapter.clear()
         response.success, response.message = True, "the estimate starts anew"
@@ -275,6 +347,28 @@ class IdentifierNode(LifecycleNode):
         result = self.set_parameters([Parameter("dither.enabled", Parameter.Type.BOOL, request.data)])[0]
         response.success = result.successful
         response.message = result.reason or f"dither is {'enabled' if request.data else 'disabled'}"
+        return response
+
+    def _on_freeze(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        assert self._identifier is not None
+        self._identifier.enabled = not request.data
+        response.success = True
+        response.message = "the model is frozen, the dither zero" if request.data else "samples are learnt from"
+        self.get_logger().info(response.message)
+        return response
+
+    def _on_save_model(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        assert self._identifier is not None
+        path = Path(self._p["model_file"]).absolute()
+        try:
+            if self.estimate is None or self._sample is None:
+                message = "nothing to save: no sample has come"
+                raise EstimationError(message)
+            write_model(path, self._identifier, self.estimate, self._sample.stamp)
+            response.success, response.message = True, f"saved to {path}"
+        except EstimationError as error:
+            response.success, response.message = False, str(error)
+        self.get_logger().info(response.message)
         return response
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
@@ -288,23 +382,18 @@ class IdentifierNode(LifecycleNode):
         return SetParametersResult(successful=True)
 
     def _take_parameters(self, parameters: list[Parameter]) -> None:
+        self._simulated = bool(self.get_parameter("use_sim_time").value)
         if self._identifier is not None:
             self._identifier.configure({p.name: plain(p) for p in parameters if p.name in self._identifier.parameters})
+            if hasattr(self, "_watch"):
+                self._watch.timer_period_ns = round(self._stale_after() * 1e9)
 
     def _health(self) -> Health:
-        """Say how many samples were used, and whether they still come."""
         assert self._identifier is not None
-        gate = self._synchronizer
-        air = round(100.0 * self._identifier.air)
-        counts = {
-            "samples": gate.paired,
-            "alarms": self._identifier.alarms,
-            "restarts": gate.restarts,
-            "motion made by gusts [%]": air,
+        level, message = judged(self._identifier, self._rate, self._active, self._stale)
+        values = {
+            **told(self._identifier, self._synchronizer, self._stale),
+            "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
+            **self._monitor.report(),
         }
-        if not self._active:
-            return Health(DiagnosticStatus.OK, "inactive", counts)
-        if self._stale:
-            return Health(DiagnosticStatus.STALE, "no samples: the dither is zero", counts)
-        gusts = f", error bars widened: gusts make {air} % of the motion" if self._identifier.moving_air else ""
-        return Health(DiagnosticStatus.OK, f"identifying{gusts}", counts)
+        return Health(level, message, values)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import pairwise
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -13,11 +14,19 @@ from rclpy.parameter import Parameter
 from msls_ros.estimation import Configuration, from_mapping
 from msls_ros.estimation.configuration import items
 from msls_ros.estimation.sections import Bounds
+from msls_ros.inputs.profiles import matches_node
 
 Table = Mapping[str, tuple[Any, Bounds]]
 """Default and bounds by name."""
-STANDARD = ("use_sim_time", "start_type_description_service")
-KINDS = {bool: "true or false", str: "a word", int: "a whole number", float: "a number", list: "a list of words"}
+KINDS: Mapping[type, str] = {
+    bool: "true or false",
+    str: "a word",
+    int: "a whole number",
+    float: "a number",
+    list: "a list of words",
+    tuple: "a list of numbers",
+}
+"""What a parameter must be, by the type of its default."""
 
 
 class NodeError(ValueError):
@@ -85,6 +94,7 @@ def declare_configuration(node: Node) -> Configuration:
     configuration = read_configuration(node)
     for name, (value, bounds) in table.items():
         node.set_descriptor(name, descriptor(bounds, value, read_only=False))
+    node.add_pre_set_parameters_callback(lambda changes: [_in_type_of(p, table) for p in changes])
     return configuration
 
 
@@ -133,6 +143,15 @@ def warn_of_unknown(node: Node) -> None:
             node.get_logger().warning(f"parameter '{name}' does not exist and is ignored; --help lists all")
 
 
+def check_files(node: Node, arguments: Sequence[str]) -> None:
+    """Log each parameter file of a command line in which nothing is meant for the node: ROS ignores it silently."""
+    name = node.get_fully_qualified_name()
+    for flag, path in pairwise(arguments):
+        if flag == "--params-file" and not matches_node(path, name):
+            text = f"parameter file '{path}' has nothing for this node, {name}, and is ignored; expected a section "
+            node.get_logger().warning(f"{text}'/**:' or '{name}:' with 'ros__parameters:'")
+
+
 def checked(name: str, value: Any, default: Any, bounds: Bounds) -> Any:
     """Return a value in the type of its default.
 
@@ -143,12 +162,15 @@ def checked(name: str, value: Any, default: Any, bounds: Bounds) -> Any:
     """
     if isinstance(default, float) and type(value) is int:
         value = float(value)
+    if isinstance(default, tuple) and isinstance(value, list) and all(type(v) in (int, float) for v in value):
+        value = tuple(float(v) for v in value)
     same = type(value) is type(default)
     if not same or (isinstance(value, list) and not all(isinstance(v, str) for v in value)):
         message = f"parameter '{name}' is {value!r}; it must be {KINDS[type(default)]}"
         raise NodeError(message)
-    if isinstance(value, (int, float)) and not isinstance(value, bool):
-        good = math.isfinite(value) and bounds.low <= value <= bounds.high
+    if isinstance(value, (int, float, tuple)) and not isinstance(value, bool):
+        numbers = value if isinstance(value, tuple) else (value,)
+        good = all(math.isfinite(v) and bounds.low <= v <= bounds.high for v in numbers)
     else:
         good = not bounds.choices or all(v in bounds.choices for v in (value if isinstance(value, list) else [value]))
     if not good:
@@ -164,3 +186,21 @@ def _declare(node: Node, table: Table) -> None:
     for name, (value, _) in table.items():
         default = list(value) if isinstance(value, tuple) else value
         node.declare_parameter(name, default, ParameterDescriptor(dynamic_typing=True))
+    given = node.get_parameters(list(table))
+    node.set_parameters([p for before in given if (p := _in_type_of(before, table)) is not before])
+
+
+def _in_type_of(parameter: Parameter, table: Table) -> Parameter:
+    """Return a parameter in the type of its default: 1 for a number is 1.0, and an empty list has its type too."""
+    if parameter.name not in table:
+        return parameter
+    default, value = table[parameter.name][0], plain(parameter)
+    if isinstance(default, float) and type(value) is int:
+        return Parameter(parameter.name, Parameter.Type.DOUBLE, float(value))
+    if isinstance(default, (tuple, list)) and isinstance(value, list):
+        words = isinstance(default, list) or any(isinstance(v, str) for v in default)
+        if words and not value:
+            return Parameter(parameter.name, Parameter.Type.STRING_ARRAY, [])
+        if not words and all(type(v) in (int, float) for v in value) and parameter.type_ != Parameter.Type.DOUBLE_ARRAY:
+            return Parameter(parameter.name, Parameter.Type.DOUBLE_ARRAY, [float(v) for v in value])
+    return parameter

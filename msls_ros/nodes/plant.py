@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
@@ -15,6 +16,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
 from msls_ros import messages
+from msls_ros.estimation.mixer import Mixer, MixerLimits
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
@@ -46,6 +48,10 @@ PARAMETERS = {
     "fdm_rate": fixed(100, "rate of the flight dynamics model", unit="Hz", low=50, high=1000),
     "steps_per_sample": fixed(2, "flight dynamics steps per published sample", unit="steps", low=1, high=1000),
     "truth_every": fixed(5, "samples per published truth model", unit="samples", low=1, high=100_000),
+    "stale_after": fixed(
+        0.1, "real time: a dither older than this is not added, nor held for longer", unit="s", low=0.001, high=3600.0
+    ),
+    "publish_clock": fixed(True, "publish /clock; false where another clock is the time of the system"),
     "wait_for_dither": fixed(True, "lockstep: wait for the identifier too, not only for the pilot"),
     "time_out": fixed(
         1.0, "wall-clock wait for answers before trim and zero dither take over", unit="s", low=0.01, high=3600.0
@@ -114,11 +120,12 @@ class PlantNode(Node):
         return float(self._p["steps_per_sample"] / self._p["fdm_rate"])
 
     def _make_topics(self) -> None:
+        p = self._p
         self.state_publisher = self.create_publisher(StateSample, "state", OUTPUT)
         self.effector_publisher = self.create_publisher(EffectorSample, "effectors", OUTPUT)
         self.truth_state_publisher = self.create_publisher(StateSample, "truth/state", OUTPUT)
         self.truth_model_publisher = self.create_publisher(LinearModel, "truth/model", OUTPUT)
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", OUTPUT)
+        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", OUTPUT) if p["publish_clock"] else None
         self.create_subscription(EffectorCommand, "command", lambda m: self._on_answer("command", m), INPUT)
         self.create_subscription(DitherCommand, "dither", lambda m: self._on_answer("dither", m), INPUT)
         self.create_service(InjectFault, "~/inject_fault", self._on_inject_fault)
@@ -145,6 +152,8 @@ class PlantNode(Node):
         self._arrived = {"command": 0, "dither": 0}
         self._stamps = {kind: StampGate(kind) for kind in self._answers}
         self._stamp = 0
+        stale_after = math.inf if self._lockstep else p["stale_after"]
+        self._mixer = Mixer(len(EFFECTORS), MixerLimits(stale_after=stale_after))
         self._schedule = FaultSchedule(self._faults, self.sample_period)
         self.samples = self.truths = 0
 
@@ -173,7 +182,8 @@ class PlantNode(Node):
         self._published_at = self._steady.now().nanoseconds
         if self._lockstep:
             self._answers = {"command": None, "dither": None}
-        self._clock_publisher.publish(ClockMessage(clock=messages.time_message(stamp)))
+        if self._clock_publisher is not None:
+            self._clock_publisher.publish(ClockMessage(clock=messages.time_message(stamp)))
         self.truth_state_publisher.publish(messages.state_message(stamp, STATES, sample.x, sample.xdot))
         if self.samples % self._p["truth_every"] == 0 or self._schedule.turns(self.samples):
             truth = self._aircraft.truth()
@@ -199,6 +209,8 @@ class PlantNode(Node):
             return
         self._answers[kind] = delta
         self._arrived[kind] = self._steady.now().nanoseconds
+        if isinstance(message, DitherCommand):
+            self._mixer.take(self._arrived[kind] * 1e-9, delta, message.level)
         if self._lockstep and self._complete():
             self._step()
 
@@ -207,6 +219,7 @@ class PlantNode(Node):
         stamp = messages.stamp_of(message)
         if not self._lockstep:
             if kind == "command" or message.level != DitherCommand.LEVEL_INHIBITED:
+                self._check_age(kind, stamp)
                 self._stamps[kind].check(stamp)
             return
         if stamp != self._stamp:
@@ -216,6 +229,13 @@ class PlantNode(Node):
         if self._answers[kind] is not None:
             raise Refused("stamp_repeated", f"{kind}: a second answer to the sample at {stamp * 1e-9:.3f} s")
 
+    def _check_age(self, kind: str, stamp: int) -> None:
+        """Refuse a dither for a sample of long ago."""
+        age = (self._stamp - stamp) * 1e-9
+        if kind == "dither" and age > self._p["stale_after"]:
+            text = f"dither: answers a sample {age:.3f} s ago; expected one within {self._p['stale_after']:g} s"
+            raise Refused("stale", text)
+
     def _complete(self) -> bool:
         dither = self._answers["dither"] is not None or not self._p["wait_for_dither"]
         return self._running and dither and self._answers["command"] is not None
@@ -224,9 +244,10 @@ class PlantNode(Node):
         """Fly to the next sample with what was answered; without a command at trim, without a dither with none."""
         for text in self._schedule.strike(self.samples - 1, self._aircraft):
             self.get_logger().info(f"at {self._aircraft.time:.3f} s: {text}")
-        command = self._answers["command"]
-        dither = self._answers["dither"]
-        total = self._aircraft.trim.delta if command is None else command + (0.0 if dither is None else dither)
+        command, now = self._answers["command"], self._steady.now().nanoseconds * 1e-9
+        if self._answers["dither"] is None:
+            self._mixer.drop("no dither")
+        total = self._aircraft.trim.delta if command is None else self._mixer.mix(now, command).command
         for _ in range(self._p["steps_per_sample"]):
             self._aircraft.step(total)
         self._publish()
@@ -239,7 +260,7 @@ class PlantNode(Node):
         self.time_outs += 1
         missing = [k for k, v in self._answers.items() if v is None and (k != "dither" or self._p["wait_for_dither"])]
         text = f"no {' and no '.join(missing)} for the sample at {self._stamp * 1e-9:.3f} s within {waited:.2f} s"
-        self.get_logger().warning(f"{text}: flying on at trim with zero dither")
+        self.get_logger().warning(f"{text}: flying on at trim with zero dither", throttle_duration_sec=1.0)
         self._answers = {"command": None, "dither": None}
         self._step()
 
@@ -250,11 +271,12 @@ class PlantNode(Node):
         now = self._steady.now().nanoseconds
         for kind, answer in self._answers.items():
             age = (now - self._arrived[kind]) * 1e-9
-            if answer is not None and age >= self._p["time_out"]:
+            if answer is not None and age >= self._p["time_out" if kind == "command" else "stale_after"]:
                 self._answers[kind] = None
                 self.time_outs += 1
                 instead = "at trim with zero dither" if kind == "command" else "with zero dither"
-                self.get_logger().warning(f"no {kind} for {age:.2f} s: flying on {instead}")
+                text = f"no {kind} for {age:.2f} s: flying on {instead}"
+                self.get_logger().warning(text, throttle_duration_sec=1.0)
         self._step()
 
     def _health(self) -> Health:

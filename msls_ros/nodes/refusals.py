@@ -82,7 +82,7 @@ class Health(NamedTuple):
     level: bytes
     """One of ``DiagnosticStatus.OK``, ``WARN``, ``ERROR``, ``STALE``."""
     message: str
-    values: Mapping[str, int]
+    values: Mapping[str, object]
 
 
 class Diagnostics:

@@ -77,7 +77,7 @@ def recompute(
     progress
         Called with the share that is done.
     """
-    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    gate = Synchronizer.of(configuration)
     identifier = Identifier(configuration) if identify else None
     found = Recomputed({}, 0, 0)
     for samples in _blocks(_paired(_in_order(inputs), gate, found.examples)):

@@ -118,7 +118,7 @@ def replay(
     EstimationError
         If the inputs do not give the states and deflections of the configuration.
     """
-    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    gate = Synchronizer.of(configuration)
     reader, source, prefix = _open(bag, configuration, options, gate)
     with BagWriter(out, overwrite=options.overwrite, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration, options.parameters)
@@ -254,7 +254,7 @@ def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Sync
     BagError
         If the bag cannot be used at all, or holds not one sample.
     """
-    gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
+    gate = Synchronizer.of(configuration)
     reader, source, _ = _open(Path(bag), configuration, ReplayOptions(), gate)
     blocks = [b for batch in ordered_batches(reader, source.topics, source.longest_run) for b in source.segments(batch)]
     blocks += source.rest()

@@ -122,7 +122,7 @@ class _Gathering:
         identify = self.configuration is not None
         found = recompute(self.record.inputs, configuration, identify=identify, progress=progress)
         if not found.paired:
-            self.warnings.append("not one sample passed the gate: see the refusals")
+            self.warnings.append("no sample passed the input checks: see the refusals")
         return found
 
     def _streams(self, computed: Recomputed | None) -> dict[str, Stamped[Any]]:
@@ -299,13 +299,13 @@ class _Gathering:
         pairs = [(model, again[stamp]) for stamp, model in streams["model"] if stamp in again]
         pairs = [(one, two) for one, two in pairs if tuple(one.states) == two.states and len(one.b) == two.b.size]
         if not pairs:
-            return "Computed again from the inputs; no model of the bag has the stamp and the names of one of these."
+            return "Recomputed from the inputs; no model of the bag has the stamp and the names of one of these."
         equal = sum(bool(np.array_equal(np.ravel(one.b), np.ravel(two.b))) for one, two in pairs)
         if equal == len(pairs):
-            return f"Computed again from the inputs: B equals the recorded one to the last bit in all {equal} models."
+            return f"Recomputed from the inputs: B equals the recorded one bit for bit in all {equal} models."
         most = max(float(np.nanmax(np.abs(np.ravel(one.b) - np.ravel(two.b)))) for one, two in pairs)
         return (
-            f"Computed again from the inputs: B equals the recorded one in {equal} of {len(pairs)} models and differs "
+            f"Recomputed from the inputs: B equals the recorded one in {equal} of {len(pairs)} models and differs "
             f"by up to {most:.3g} in the others. The flight had another configuration, or it was changed in flight."
         )
 
@@ -317,7 +317,11 @@ class _Gathering:
             found.append(Refusals(f"Counted in flight by {name.split(':')[0]} (/diagnostics, the last)", counts))
         if computed is not None:
             found.append(
-                Refusals("Counted by the identifier's gate when the bag was read", computed.refused, computed.examples)
+                Refusals(
+                    "Counted by the identifier's input checks when the bag was read",
+                    computed.refused,
+                    computed.examples,
+                )
             )
         return found
 
@@ -327,20 +331,20 @@ class _Gathering:
         return [Setting(name, _text(value), b.unit, b.description) for name, value, b in items(self.configuration)]
 
     def _say_what_is_missing(self, flight: Recorded) -> None:
-        """Say what the bag does not hold, and what that costs."""
+        """List what the bag does not hold, and the consequence."""
         if not self.recorded_models:
             self.missing.append(
-                "The bag holds no model: models, events and dither are what the identifier makes of its inputs."
+                "The bag holds no model: models, events and dither are identified offline from its inputs."
                 if flight.models is not None
                 else "The bag holds no model, and none can be computed from its inputs."
             )
         for leaf, what in (("state", "states"), ("effectors", "deflections")):
             if not self.samples[leaf]:
-                self.missing.append(f"The bag holds no {what} (topic {leaf}): nothing can be computed again.")
+                self.missing.append(f"The bag holds no {what} (topic {leaf}): nothing can be recomputed.")
         if flight.dither is None:
             self.missing.append("The bag holds no dither.")
         if flight.truth is None:
-            self.missing.append("The bag holds no truth (topic truth/model): estimates stand without comparison.")
+            self.missing.append("The bag holds no truth (topic truth/model): estimates cannot be compared.")
         if self.recorded_models and self.configuration is None:
             self.missing.append(
                 f"No {PARAMETERS} beside the bag and no --params: the detector's statistic is known at alarms only."

@@ -71,7 +71,7 @@ def claims_on_tracking(runs: dict[str, Runs], findings: list[Finding]) -> list[C
         ),
         Claim(
             "eq 13, Fig. 1",
-            "It keeps a high degree of tracking ability; truth and estimate are hard to tell apart.",
+            "It keeps a high degree of tracking ability; truth and estimate are hard to distinguish.",
             judge(moving <= 0.05 * AMPLITUDE and 3.0 * moving <= moving_rls, moving < moving_rls),
             f"rms error while theta1 varies {moving:.2f}, {100.0 * moving / AMPLITUDE:.1f} % of its amplitude; "
             f"RLS 0.1 {moving_rls:.1f}, RLS 0.9 {moving_slow:.1f}",

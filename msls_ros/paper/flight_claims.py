@@ -174,8 +174,8 @@ def claims_on_flights(flights: Flights) -> list[Claim]:
     ]
 
 
-def _told(one: Exciting) -> bool:
-    """Whether MSLS tells the parameter, by medians."""
+def _identified(one: Exciting) -> bool:
+    """Whether MSLS identifies the parameter, by medians."""
     return bool(np.median(one.relative_error("msls")) <= 0.30 and np.median(one.correlation("msls")) >= 0.7)
 
 
@@ -190,7 +190,7 @@ def _claim_on_heave(flights: Flights) -> Claim:
     return Claim(
         "Figs 7-8",
         "MSLS follows dP/dw (a41 in the text, a43 by eq 25) through the doublet, RLS is far off.",
-        judge(_told(light), _told(exciting) and rls >= 10.0 * nine),
+        judge(_identified(light), _identified(exciting) and rls >= 10.0 * nine),
         f"in an exciting manoeuvre without noise: rms error over range {ours:.2f} (correlation "
         f"{np.median(exciting.correlation('msls')):.2f}) with gravity known; on nine states MSLS {nine:.2f} "
         f"(correlation {np.median(exciting.correlation('msls_nine')):.2f}), RLS {rls:.1f}. Zero always would score "
@@ -266,7 +266,7 @@ def _claims_on_dither(flights: Flights) -> list[Claim]:
     errors = [100.0 * middle(flights.losses[noise], "msls", "rms_before") for noise in NOISES]
     plain_errors = [100.0 * middle(flights.undithered[noise], "msls", "rms_before") for noise in NOISES]
     wild = max(one.error("rls", "peak_error") for one in flights.undithered["none"])
-    told = [one >= 50.0 for one in dithered]
+    often = [one >= 50.0 for one in dithered]
     day, alarm = worst_dither(flights, "predicted_g_max_nominal"), worst_dither(flights, "predicted_g_max")
     felt, felt_alarm = worst_dither(flights, "realised_g_rms"), worst_dither(flights, "realised_g_rms_boosted")
     within = day <= 0.012 and alarm <= 0.04 and felt <= 0.012 and felt_alarm <= 0.04
@@ -274,7 +274,7 @@ def _claims_on_dither(flights: Flights) -> list[Claim]:
         Claim(
             "abstract (3), ANI",
             "Noise injection insures identifiability of the effector partials.",
-            judge(all(told) and max(plain) <= 5.0, dithered[0] > plain[0]),
+            judge(all(often) and max(plain) <= 5.0, dithered[0] > plain[0]),
             f"b43 is reliable before the loss in {dithered[0]:.0f} % of the time with dither ({dithered[1]:.0f} % in "
             f"low noise), {plain[0]:.0f} % ({plain[1]:.0f}) without; rms error {errors[0]:.1f} % ({errors[1]:.0f}) "
             f"against {plain_errors[0]:.0f} % ({plain_errors[1]:.0f}). Without it RLS errs by up to {wild:.0e} times "
@@ -291,7 +291,7 @@ def _claims_on_dither(flights: Flights) -> list[Claim]:
 
 
 def render_rows(rows: list[Row]) -> str:
-    """Write the rows for people: medians, ranges in brackets, and which is better."""
+    """Write the rows as text: medians, ranges in brackets, and which is better."""
     lines: list[str] = []
     for condition, group in groupby(rows, key=lambda one: one.condition):
         found = list(group)

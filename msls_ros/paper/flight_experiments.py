@@ -1,8 +1,8 @@
 """The paper's F-16 flights (Figs 7-9) on many seeds: flown in closed loop, identified, and measured against truth.
 
 * dPdot/dw (Figs 7-8; a41 in the text, by eq 25 a43). In the paper's two-pound doublet the regressors do not move enough
-  to tell this parameter, so an exciting manoeuvre stands for it: the doublet at 20 deg/s instead of 6, over a sine of
-  the angle of attack of 3 deg at 1 Hz, noise-free at 100 Hz. The light doublet, a slow sine and low noise are flown
+  to identify this parameter, so an exciting manoeuvre stands for it: the doublet at 20 deg/s instead of 6, over a sine
+  of the angle of attack of 3 deg at 1 Hz, noise-free at 100 Hz. The light doublet, a slow sine and low noise are flown
   too, to say what becomes of it there.
 * b43, dPdot/d ddt (Fig 9): the paper's doublet, the left stabilator lost at 4.0 s, noise-free and with low noise.
 
@@ -269,7 +269,7 @@ class Flights:
 
 
 def variations(done: Callable[[], None]) -> dict[str, Exciting]:
-    """Fly for dPdot/dw where it is harder to tell."""
+    """Fly for dPdot/dw where it is harder to identify."""
     both = ("msls", "rls_nine")
     return {
         "the paper's light doublet": run_exciting(FEW, RollDoublet(), names=both, done=done),

@@ -257,7 +257,7 @@ def roll_stream(dither: float, samples: int = 1000, seed: int = 0) -> tuple[Arra
 
 
 def answer_information() -> list[Finding]:
-    """Show what can be told of two ganged effectors with ever smaller W0, and with dither."""
+    """Show what can be identified of two ganged effectors with ever smaller W0, and with dither."""
     found = []
     question = "Can W0 create information?"
     cases = [(PENALTY, 0.0), (0.1 * PENALTY, 0.0), (0.01 * PENALTY, 0.0), (PENALTY, 0.5), (PENALTY, 1.0)]

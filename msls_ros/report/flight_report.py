@@ -80,17 +80,17 @@ class _Builder:
         self._refusals()
         self._configuration()
         self._bag()
-        told = words.headline(self.flight, self.changes)
-        told = [f"Flown: {self.flight.scenario}.", *told] if self.flight.scenario else told
+        summary = words.headline(self.flight, self.changes)
+        summary = [f"Flown: {self.flight.scenario}.", *summary] if self.flight.scenario else summary
         head = Head(
             name=self.flight.name,
             about=self._about(),
-            summary=told,
+            summary=summary,
             tiles=self._tiles(),
             notes=[*self.flight.warnings, *self.flight.missing],
         )
         html = page.render(head, self.sections)
-        return Report(html, self.figures, told, [f"{p.row}/{p.column}" for p in self.parameters])
+        return Report(html, self.figures, summary, [f"{p.row}/{p.column}" for p in self.parameters])
 
     def _draw(self, drawn: Drawn | None) -> str:
         if drawn is None:
@@ -117,9 +117,11 @@ class _Builder:
             tiles.append(("missed" if alarm is None else f"{alarm - first:.2f} s", "from true change to alarm"))
         named = [e for e in flight.events if e.kind == "isolated"]
         if named:
-            tiles.append((", ".join(dict.fromkeys(e.effector for e in named)), "named as changed"))
+            tiles.append((", ".join(dict.fromkeys(e.effector for e in named)), "isolated"))
         if flight.dither is not None and len(flight.dither.time):
-            tiles.append((f"{float(np.nanmax(flight.dither.predicted)):.3f} g", "most dither at the pilot (rms)"))
+            tiles.append(
+                (f"{float(np.nanmax(flight.dither.predicted)):.3f} g", "largest predicted dither at the pilot (rms)")
+            )
         if flight.refusals:
             tiles.append((f"{max(sum(r.counts.values()) for r in flight.refusals):,}", "messages refused"))
         return tiles
@@ -139,7 +141,7 @@ class _Builder:
                 ]
                 for e in flight.events
             ]  # fmt: skip
-            heads = ("time [s]", "event", "equations", "statistic / threshold", "effect now", "in words")
+            heads = ("time [s]", "event", "equations", "statistic / threshold", "effectiveness", "description")
             body += page.table(heads, rows, numbers=(0,))
         self._add("events", "Events", body)
 
@@ -172,7 +174,7 @@ class _Builder:
         if flight.alarms:
             first = flight.alarms[0].time
             window = (max(first - _BEFORE, flight.span[0]), min(first + _AFTER, flight.span[1]))
-            title = f"The same about the first alarm, {first:.2f} s"
+            title = f"The same around the first alarm, {first:.2f} s"
             body += self._draw(
                 parameters.draw_parameters(flight, self.parameters, self.changes, "parameters_alarm", title, window)
             )
@@ -181,8 +183,8 @@ class _Builder:
             at_end = "" if p.truth is None else f"{p.truth[-1]:.3f}"
             error = f" ± {p.std[-1]:.3f}" if np.isfinite(p.std[-1]) else ""
             rows.append([p.label, f"{p.value[-1]:.3f}{error}", at_end, *words.quality_cells(quality(p))])
-        heads = ("parameter", "at the end", "truth", "rms error / rms truth", "truth in the 95 % band", "reliable",
-                 "in the band while reliable")  # fmt: skip
+        heads = ("parameter", "at the end", "truth", "rms error / rms truth", "truth within the 95 % band", "reliable",
+                 "within the band while reliable")  # fmt: skip
         self._add("parameters", "Parameters", body + page.table(heads, rows, numbers=range(1, 7)))
 
     def _detection(self) -> None:
@@ -212,12 +214,12 @@ class _Builder:
         for refusals in self.flight.refusals:
             body += f"<h3>{escape(refusals.source)}</h3>"
             if refusals.counts:
-                heads = ("reason", "messages", "the first") if refusals.examples else ("reason", "messages")
+                heads = ("reason", "messages", "first example") if refusals.examples else ("reason", "messages")
                 rows = [[r, f"{count:,}", refusals.examples.get(r, "")] for r, count in sorted(refusals.counts.items())]
                 body += page.table(heads, [row[: len(heads)] for row in rows], numbers=(1,))
             else:
                 body += page.paragraphs(["No message was refused."])
-        self._add("refusals", "Refusals", body or page.paragraphs(["The bag holds nothing that tells of refusals."]))
+        self._add("refusals", "Refusals", body or page.paragraphs(["The bag holds no record of refusals."]))
 
     def _configuration(self) -> None:
         flight = self.flight

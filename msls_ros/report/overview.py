@@ -117,8 +117,8 @@ def draw_timeline(flight: Recorded, changes: Sequence[TruthChange]) -> Drawn:
     if present or changes:
         beside(axis)
     caption = (
-        "Each lane is an equation: alarm, effector named, estimate back at its normal settings (the pale bar lies "
-        "between alarm and recovery)."
+        "Each lane is an equation: detection, isolation (the effector is named), recovery; the pale bar spans "
+        "detection to recovery."
     )
     return write(figure, "events", "Events", caption if flight.events else "No event in this flight.")
 

@@ -85,7 +85,7 @@ def _statistic(axis: Axes, detection: Detection, q: int) -> None:
 
 
 def draw_residuals(flight: Recorded, models: Models, changes: Sequence[TruthChange]) -> Drawn:
-    """Draw the published residual standard deviations, and what the events say of the statistic."""
+    """Draw the published residual standard deviations, and the statistic as the events give it."""
     rows = models.identified
     figure, axes = time_axes(len(rows), 1.2)
     for axis, i in zip(axes, rows, strict=True):
@@ -102,7 +102,7 @@ def draw_residuals(flight: Recorded, models: Models, changes: Sequence[TruthChan
     beside(axes[0])
     caption = (
         "Residual standard deviation as published; at an alarm, statistic and threshold as the event gives them. The "
-        "statistic between the alarms is not in the messages, and cannot be computed again without the configuration."
+        "statistic between the alarms is not in the messages, and cannot be recomputed without the configuration."
     )
     return write(figure, "residuals", "Residuals and alarms", caption)
 
@@ -123,8 +123,8 @@ def draw_dither(flight: Recorded, dither: Dither, changes: Sequence[TruthChange]
     for axis in axes:
         beside(axis, without_marks=axis is not axes[0])
     caption = (
-        "Above: what the identifier asks to add to the commands. Below: the worst-case rms acceleration at the pilot "
-        "that it predicts of that, and the limit it must keep."
+        "Above: the dither added to the commands. Below: the worst-case rms acceleration at the pilot predicted for "
+        "it, and its limit."
     )
     return write(figure, "dither", "Dither against its limit", caption)
 
@@ -156,7 +156,7 @@ def draw_excitation(flight: Recorded, models: Models, changes: Sequence[TruthCha
     right.grid(True, axis="x")
     right.tick_params(axis="y", length=0)
     caption = (
-        "Share of each parameter that the data decide and not the penalty: 1 (bright) is all data, 0 (dark) is nothing "
-        "but the past estimate. Least over the equations."
+        "Share of each parameter that the data determine, not the penalty: 1 (bright) is data alone, 0 (dark) the past "
+        "estimate alone. Minimum over the equations."
     )
     return write(figure, "excitation", "Excitation", caption)

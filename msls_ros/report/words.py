@@ -16,9 +16,9 @@ ALARM_WINDOW = 1.0
 _JUMP = 0.2
 """A change of an entry of the true B by this share of the largest of its row, between two models, is abrupt."""
 _CLOSE = 0.3
-"""Two models further apart than this tell nothing of abruptness [s]."""
+"""Two models further apart than this do not show abruptness [s]."""
 _CLEARER = 1.2
-"""So much more a moment counts than a force where both tell of one change."""
+"""So much more a moment counts than a force where both show one change."""
 _MATTERS = 0.25
 """Effects of at least this share of the largest of their row are named."""
 
@@ -65,7 +65,7 @@ def _effects(before: Array, after: Array, scale: Array, models: Models) -> tuple
     return tuple(effects)
 
 
-def tell_drift(truth: Truth, models: Models) -> str:
+def describe_drift(truth: Truth, models: Models) -> str:
     """Return a sentence on what changed slowly in the plant's own B, from the first model to the last, or nothing."""
     rows = models.identified
     if len(truth.time) < 2 or not rows:
@@ -82,7 +82,7 @@ def tell_drift(truth: Truth, models: Models) -> str:
     begin, end = truth.time[int((done > 0.05).argmax())], truth.time[int((done > 0.95).argmax())]
     what = _listed(f"{name} on {derivative(of)} to {ratio:.2f}" for name, of, ratio in effects)
     when = f"From about {begin:.1f} to {end:.1f} s"
-    return f"{when} the plant itself changed slowly: the effect of {what} of what it was."
+    return f"{when} the plant itself changed slowly: effectiveness of {what} of its first value."
 
 
 def false_alarms(flight: Recorded, changes: Sequence[TruthChange]) -> list[Event]:
@@ -102,12 +102,12 @@ def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
     """
     sentences = [_size(flight)]
     for change in changes[:5]:
-        sentences += _told(flight, change)
+        sentences += _describe_change(flight, change)
     if flight.truth is not None:
         false = false_alarms(flight, changes)
         if not changes:
-            drift = tell_drift(flight.truth, flight.models) if flight.models is not None else ""
-            sentences.append(drift or "Nothing changed abruptly in the plant's own model.")
+            drift = describe_drift(flight.truth, flight.models) if flight.models is not None else ""
+            sentences.append(drift or "The plant's own model had no abrupt change.")
         sentences.append(
             f"False alarms: {len(false)} ({_listed(f'{e.time:.2f} s' for e in false)})." if false else "No false alarm."
         )
@@ -116,7 +116,7 @@ def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
         if len(flight.alarms) > 5:
             sentences.append(f"{len(flight.alarms) - 5} more alarms followed.")
     elif flight.models is not None:
-        sentences.append("No abrupt change was declared.")
+        sentences.append("No abrupt change was detected.")
     sentences += _dither(flight)
     return sentences
 
@@ -133,16 +133,16 @@ def _size(flight: Recorded) -> str:
         count = flags.sum(axis=(1, 2)) - int(known.sum())
         most = int(count.argmax())
         reliable = (
-            f" Of the {free} identified numbers, {count[most]} were reliable at best "
+            f" Of the {free} identified coefficients, {count[most]} were reliable at best "
             f"(at {flight.models.time[most]:.2f} s) and {count[-1]} at the end."
         )
     return f"{end - begin:.1f} s of flight{samples}.{reliable}"
 
 
-def _told(flight: Recorded, change: TruthChange) -> list[str]:
-    """Tell one true change and what was made of it."""
+def _describe_change(flight: Recorded, change: TruthChange) -> list[str]:
+    """Describe one true change and how the identifier answered it."""
     what = _listed(f"{effector} on {derivative(row)} to {ratio:.2f}" for effector, row, ratio in change.effects)
-    begin = f"At {change.time:.2f} s the plant itself changed: the effect of {what} of what it was"
+    begin = f"At {change.time:.2f} s the plant itself changed: effectiveness of {what} of its value before"
     first = next((e for e in flight.alarms if change.time < e.time <= change.time + ALARM_WINDOW), None)
     if first is None:
         return [f"{begin}. This was NOT detected within {ALARM_WINDOW:g} s."]
@@ -156,7 +156,7 @@ def _alarm(flight: Recorded, alarm: Event) -> str:
 
 
 def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
-    """Tell what came after an alarm, up to its recovery or the next alarm."""
+    """Describe what followed an alarm, up to its recovery or the next alarm."""
     parts = []
     later = [event for event in flight.events if event.time >= alarm.time and event is not alarm]
     for event in later:
@@ -164,11 +164,12 @@ def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
             break
         if event.kind == "isolated":
             parts.append(
-                f"{event.effector} named after {event.time - since:.2f} s "
-                f"({event.effectiveness:.2f} ± {event.effectiveness_std:.2f} left on {_equations(event.equations)})"
+                f"isolated to {event.effector} after {event.time - since:.2f} s "
+                f"(effectiveness {event.effectiveness:.2f} ± {event.effectiveness_std:.2f} "
+                f"on {_equations(event.equations)})"
             )
         elif event.kind == "recovered":
-            parts.append(f"back at normal settings after {event.time - since:.2f} s")
+            parts.append(f"recovered, at normal settings, after {event.time - since:.2f} s")
             break
     return parts
 
@@ -178,7 +179,7 @@ def _dither(flight: Recorded) -> list[str]:
     if dither is None or not len(dither.time):
         return []
     if not np.any(dither.delta):
-        return ["No dither was asked for."]
+        return ["No dither was commanded."]
     over = int(np.count_nonzero(dither.predicted > dither.limit * (1.0 + 1e-9)))
     kept = "within its limit at every sample" if over == 0 else f"OVER its limit at {over} samples"
     most = float(np.nanmax(dither.predicted))

@@ -15,7 +15,7 @@ from msls_ros.inputs.profiles import config_folder, read_profile, render_profile
 @pytest.mark.parametrize("path", sorted(config_folder().glob("*.yaml")), ids=lambda p: p.stem)
 def test_a_shipped_profile_is_the_whole_manual_and_up_to_date(path: Path) -> None:
     text = path.read_text(encoding="utf-8")
-    head = text.split("\n\nidentifier:")[0]
+    head = text.split("\n\n/**:")[0]
     title = "\n".join(line[2:] for line in head.splitlines())
     assert render_profile(read_profile(path), title) == text
 

@@ -125,3 +125,78 @@ def test_a_refused_message_changes_nothing() -> None:
     sample = g.add_effectors(TICK, EFFECTORS, [5.0, 6.0])
     assert sample is not None
     assert np.array_equal(sample.delta, [5.0, 6.0])
+
+
+def feed(g: Synchronizer, stamps: list[int], only: str = "both") -> list[tuple[int, bool]]:
+    """Return stamp and restart of the samples made."""
+    made = []
+    for stamp in stamps:
+        found = [g.add_state(stamp, STATES, [1.0, 2.0], [3.0, 4.0])] if only != "effectors" else []
+        found += [g.add_effectors(stamp, EFFECTORS, [5.0, 6.0])] if only != "state" else []
+        made += [(s.stamp, s.restarted) for s in found if s is not None]
+    return made
+
+
+SECOND = 1_000_000_000
+
+
+@pytest.mark.parametrize("rogue", [0, 1_000 * SECOND], ids=["zero", "far ahead"])
+@pytest.mark.parametrize("stream", ["state", "effectors"])
+def test_one_rogue_stamp_on_one_stream_is_refused_and_resets_nothing(stream: str, rogue: int) -> None:
+    g = gate()
+    first = [100 * SECOND + k * TICK for k in range(5)]
+    assert len(feed(g, first)) == 5
+    assert feed(g, [rogue], stream) == []
+    later = [first[-1] + k * TICK for k in range(1, 6)]
+    assert feed(g, later) == [(s, False) for s in later]
+    assert (g.restarts, dict(g.refused)) == (0, {"stamp_rogue": 1})
+
+
+def test_a_lone_stream_that_goes_on_in_a_new_time_is_believed() -> None:
+    g = gate()
+    feed(g, [100 * SECOND])
+    feed(g, [k * TICK for k in range(1, 4)], "state")
+    assert g.restarts == 1
+    assert feed(g, [k * TICK for k in range(2, 4)], "effectors") == [(2 * TICK, True), (3 * TICK, False)]
+
+
+def test_a_gap_of_both_streams_loses_no_sample_whatever_their_order() -> None:
+    for only in (["both"], ["state", "effectors"], ["effectors", "state"]):
+        g = gate()
+        feed(g, [k * TICK for k in range(1, 4)])
+        after = [50 * SECOND, 50 * SECOND + TICK]
+        made = [sample for stream in only for sample in feed(g, after, stream)]
+        assert made == [(s, False) for s in after], only
+        assert (g.restarts, sum(g.refused.values())) == (0, 0)
+
+
+def test_unpaired_samples_are_reported_with_the_difference_of_the_stamps() -> None:
+    told: list[Refused] = []
+    g = Synchronizer(STATES, EFFECTORS, report=told.append)
+    for k in range(1, 100):
+        g.add_state(k * TICK, STATES, [1.0, 2.0], [3.0, 4.0])
+        g.add_effectors(k * TICK + 1_500_000, EFFECTORS, [5.0, 6.0])
+    assert g.paired == 0 and told
+    assert {r.reason for r in told} == {"state_unpaired", "effector_unpaired"}
+    assert "the nearest effector sample is stamped +1.500000 ms from it; expected within pairing_tolerance" in str(
+        told[0]
+    )
+
+
+@pytest.mark.parametrize("offset", [-1_500_000, 0, 1_500_000])
+def test_with_a_tolerance_the_nearest_are_paired_in_whatever_order_they_come(offset: int) -> None:
+    made = []
+    for late in (0, 1):
+        g = Synchronizer(STATES, EFFECTORS, tolerance=0.002)
+        arrivals = sorted(
+            [(k, 0) for k in range(1, 50)] + [(k, 1) for k in range(1, 50)], key=lambda a: (a[0], a[1] ^ late)
+        )
+        found = [
+            g.add_state(k * TICK, STATES, [k, 2.0], [3.0, 4.0])
+            if which == 0
+            else g.add_effectors(k * TICK + offset, EFFECTORS, [k, 6.0])
+            for k, which in arrivals
+        ]
+        made.append([(s.stamp, s.x[0], s.delta[0]) for s in found if s is not None])
+        assert (g.paired, sum(g.refused.values())) == (49, 0)
+    assert made[0] == made[1] == [(k * TICK, k, k) for k in range(1, 50)]

@@ -16,6 +16,9 @@ class Clockwork:
     def now(self) -> Clockwork:
         return self
 
+    def __call__(self) -> int:
+        return self.nanoseconds
+
 
 def linear_samples(count: int, seed: int = 0) -> tuple[Any, Any, Any]:
     """Return x (count, 9), xdot (count, 9), delta (count, 7) of a made-up linear aircraft about high alpha."""

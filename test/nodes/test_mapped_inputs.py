@@ -21,6 +21,7 @@ from msls_ros.inputs.profiles import config_folder, read_inputs, read_profile
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.inputs import declare_inputs, subscribe
 from msls_ros.nodes.parameters import NodeError
+from msls_ros.nodes.quality import INPUT
 from msls_ros.plant import STATES
 from msls_ros.testing import Bench
 
@@ -132,4 +133,4 @@ def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) ->
 
 def test_a_type_that_is_not_installed_is_named(bench: Bench) -> None:
     with pytest.raises(NodeError, match="the type px4_msgs/msg/VehicleOdometry is not installed"):
-        subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, lambda topic, message: None)
+        subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, INPUT, lambda topic, message: None)

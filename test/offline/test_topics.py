@@ -22,7 +22,7 @@ from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.flights.scenarios import find_scenario
 from msls_ros.inputs.profiles import read_profile
-from msls_ros.nodes.flight import fly, overrides
+from msls_ros.nodes.flight import LOCKSTEP, fly, overrides
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.quality import INPUT
 from msls_ros.offline.replay import kept_parameters
@@ -38,7 +38,7 @@ class Player:
 
     def __init__(self, bench: Bench, configuration: Configuration) -> None:
         self._bench = bench
-        given = overrides({**as_mapping(configuration), "use_sim_time": True})
+        given = overrides({**as_mapping(configuration), **LOCKSTEP})
         self.node = bench.adopt(IdentifierNode(context=bench.context, parameter_overrides=given))
         self._heard: dict[str, list[bytes]] = {topic: [] for topic in OUTPUTS}
         for topic, heard in self._heard.items():

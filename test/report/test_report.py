@@ -20,7 +20,7 @@ from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
 from msls_ros.estimation import Configuration
 from msls_ros.report.recorded import Models, Truth
-from msls_ros.report.words import find_changes, tell_drift
+from msls_ros.report.words import describe_drift, find_changes
 
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
 LARGEST = 3_000_000
@@ -136,7 +136,7 @@ def test_the_page_tells_what_happened_in_words(whole: Made) -> None:
 
 
 def test_the_detector_is_computed_again_and_equals_what_was_recorded(whole: Made) -> None:
-    assert "equals the recorded one to the last bit in all 261 models" in whole.summary["agreement"]
+    assert "equals the recorded one bit for bit in all 261 models" in whole.summary["agreement"]
 
 
 def test_the_page_is_complete_in_itself_and_small(whole: Made) -> None:
@@ -240,7 +240,7 @@ def test_of_a_bag_whose_time_jumps_back_one_stretch_is_shown(
     made = make(capsys, record(tmp_path / "bag", passes=2), *FEW)
     assert any("time jumps back" in warning for warning in made.summary["warnings"])
     assert made.summary["alarms"] == 1
-    assert "to the last bit in all 261 models" in made.summary["agreement"]
+    assert "bit for bit in all 261 models" in made.summary["agreement"]
 
 
 def test_what_the_gate_refuses_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -248,7 +248,7 @@ def test_what_the_gate_refuses_is_counted(tmp_path: Path, capsys: pytest.Capture
     made = make(capsys, record(tmp_path / "bag", INPUTS, configuration=other, kept=False), "--params", "f16_cruise")
     assert made.summary["samples"] == 0
     assert "no 'u' among the names" in made.page.text
-    assert any("not one sample passed" in warning for warning in made.summary["warnings"])
+    assert any("no sample passed" in warning for warning in made.summary["warnings"])
     assert made.figures == {"flight"}
 
 
@@ -376,7 +376,7 @@ def test_a_browser_renders_every_figure_and_asks_no_network(whole: Made, tmp_pat
 
 
 @pytest.mark.parametrize(("left", "told"), [(0.5, True), (0.9, False)])
-def test_a_slow_change_of_the_plant_is_told_with_what_is_left(left: float, told: bool) -> None:
+def test_a_slow_change_of_the_plant_is_described_with_its_effectiveness(left: float, told: bool) -> None:
     time = np.arange(0.0, 10.0, 0.1)
     b = np.zeros((len(time), 2, 2))
     b[:, 0], b[:, 1] = [0.1, 1.6], [-3.0, 0.05]
@@ -389,6 +389,6 @@ def test_a_slow_change_of_the_plant_is_told_with_what_is_left(left: float, told:
     )  # fmt: skip
     truth = Truth(time, np.zeros((len(time), 2, 2)), b)
     assert find_changes(truth, models) == []
-    sentence = tell_drift(truth, models)
-    assert ("changed slowly: the effect of ddt on dP/dt to 0.50" in sentence) == told
+    sentence = describe_drift(truth, models)
+    assert ("changed slowly: effectiveness of ddt on dP/dt to 0.50" in sentence) == told
     assert sentence.startswith("From about 4.2 to 7.8 s") == told

@@ -1,0 +1,80 @@
+"""A simulated F-16 in closed loop: `ros2 launch msls_ros closed_loop.launch.py duration:=20.0 record:=flight`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ament_index_python.packages import get_package_share_directory
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch_ros.actions import Node
+
+from launch import LaunchDescription
+
+ARGUMENTS = {
+    "namespace": ("", "of all nodes and topics; with one, the clock is the namespace's own, NAMESPACE/clock"),
+    "params_file": ("f16_high_alpha", "of the identifier: a shipped profile's name, or the path of a YAML file"),
+    "inputs": ("", "of the identifier, where it is not to take msls_msgs: a path"),
+    "condition": ("high_alpha", "flight condition: high_alpha or cruise"),
+    "manoeuvre": ("roll_doublet", "what the pilot flies"),
+    "noise": ("low", "sensor noise: none, low, med or high"),
+    "mode": ("real_time", "real_time: wall clock; lockstep: as fast as the answers come"),
+    "duration": ("0.0", "flight time after which everything ends [s]; 0: never"),
+    "autostart": ("true", "configure and activate the identifier at the start"),
+    "respawn": ("false", "start nodes again that end unasked"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
+    "use_sim_time": ("true", "time of the identifier is the plant's clock"),
+    "record": ("", "folder of a bag to record everything into; empty: none"),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Return the arguments and the nodes."""
+    declared = [DeclareLaunchArgument(n, default_value=d, description=about) for n, (d, about) in ARGUMENTS.items()]
+    return LaunchDescription([*declared, OpaqueFunction(function=nodes)])
+
+
+def nodes(context: Any) -> list[Node]:
+    """Return the nodes, their arguments resolved."""
+    given = context.launch_configurations
+    common: dict[str, Any] = {
+        "package": "msls_ros",
+        "namespace": given["namespace"],
+        "output": "screen",
+        "respawn": given["respawn"].lower() == "true",
+        "ros_arguments": ["--log-level", given["log_level"]],
+        "remappings": [("/clock", "clock")] if given["namespace"] else [],
+    }
+    files = [parameter_file(given[name]) for name in ("params_file", "inputs") if given[name]]
+    own = {
+        "autostart": given["autostart"].lower() == "true",
+        "use_sim_time": given["use_sim_time"].lower() == "true",
+        "lockstep": given["mode"] == "lockstep",
+    }
+    plant = {name: given[name] for name in ("condition", "noise", "mode")}
+    found = [
+        Node(executable="identifier", name="identifier", parameters=[*files, own], **common),
+        Node(
+            executable="pilot",
+            name="pilot",
+            parameters=[{name: given[name] for name in ("condition", "manoeuvre")}],
+            **common,
+        ),
+        Node(
+            executable="plant",
+            name="plant",
+            parameters=[{**plant, "duration": float(given["duration"])}],
+            on_exit=[] if common["respawn"] else [Shutdown(reason="the flight is over")],
+            **common,
+        ),
+    ]
+    if given["record"]:
+        found.append(Node(executable="recorder", name="recorder", parameters=[{"out": given["record"]}], **common))
+    return found
+
+
+def parameter_file(name: str) -> str:
+    """Return the path of a parameter file: shipped, by its name, or anybody's."""
+    if name.endswith((".yaml", ".yml")):
+        return name
+    return str(Path(get_package_share_directory("msls_ros")) / "config" / f"{name}.yaml")

@@ -1,0 +1,81 @@
+"""Compile every kernel before the first sample: later it would be a pause in flight, the longest at the first alarm.
+
+Kernels are compiled by the types of their arguments, which no parameter changes. So a small made-up aircraft is flown
+through all that can happen (samples one by one and in blocks, an alarm, isolation, recovery, gusts, a warm start), with
+either estimator, and after it nothing is left to compile for any other aircraft.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation.compiled import KERNELS
+from msls_ros.estimation.configuration import Configuration, from_mapping
+from msls_ros.estimation.identifier import Identifier
+from msls_ros.estimation.kernel import Array
+
+SAMPLES = 260
+CHANGE = 120
+"""Sample at which the aircraft is damaged."""
+
+
+@functools.cache
+def warm_up() -> float:
+    """Compile what is not compiled yet, once per process.
+
+    Returns
+    -------
+    float
+        How long it took, then [s].
+    """
+    start = time.perf_counter()
+    for method in ("msls", "rls"):
+        for coloured in (True, False) if method == "msls" else (True,):
+            _fly(_configuration(method, coloured))
+    return time.perf_counter() - start
+
+
+def count_compiled() -> int:
+    """Return how many versions of kernels have been compiled or loaded so far."""
+    return sum(len(kernel.signatures) for kernel in KERNELS)
+
+
+def _configuration(method: str, coloured: bool) -> Configuration:
+    return from_mapping(
+        {
+            "states": ("u", "w", "Q", "Phi", "Theta"),
+            "effectors": ("de", "dr"),
+            "estimator": {"method": method, "forgetting_factor": 0.9},
+            "reliability": {"coloured": coloured},
+            "isolation": {"significance": 1.0, "explained": 0.1, "largest_error": 10.0},
+        }
+    )
+
+
+def _fly(configuration: Configuration) -> None:
+    """Fly straight with random deflections, lose an effector, and meet gusts at the end."""
+    random = np.random.Generator(np.random.PCG64(0))
+    n, m, step = len(configuration.states), len(configuration.effectors), 1.0 / configuration.sample_rate
+    delta: Array = random.standard_normal((SAMPLES, m)) * 0.1
+    x: Array = random.standard_normal((SAMPLES, n)) * 0.1 + np.array([100.0, 1.0, 0.0, 0.0, 0.1])
+    x[-60:, 1] += np.cumsum(random.standard_normal(60))
+    b = np.zeros((n, m))
+    b[:3] = [[1.0, 0.2], [-5.0, 0.5], [-3.0, 1.0]]
+    clean: Any = -0.5 * x + delta @ b.T
+    xdot = clean + random.standard_normal((SAMPLES, n)) * 1e-3
+    xdot[CHANGE:] = (-0.5 * x + delta @ (b * [0.1, 1.0]).T)[CHANGE:]
+    t: Any = np.arange(SAMPLES) * step
+    identifier = Identifier(configuration)
+    for k in range(SAMPLES):
+        identifier.update(float(t[k]), x[k], xdot[k], delta[k])
+    identifier.configure({"dither.seed": configuration.dither.seed})
+    identifier.reset()
+    identifier.follow(configuration.rows[0], configuration.effectors[0])
+    identifier.run(t, x, xdot, delta, 7)
+    p = len(configuration.regressors)
+    identifier.warm_start(np.zeros((n, n)), b, np.zeros(n), np.eye(p))
+    identifier.update(float(t[0]), x[0], xdot[0], delta[0])

@@ -1,0 +1,148 @@
+"""The mixer node: between a flight-control stack and its actuators, adds the dither to the command while that is safe.
+
+Whatever goes wrong with the dither, the identifier or the command itself, the command is passed on, byte for byte as it
+came.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
+from msls_msgs.msg import DitherCommand
+from rclpy.node import Node
+from rclpy.serialization import deserialize_message
+from std_srvs.srv import SetBool
+
+from msls_ros import messages
+from msls_ros.estimation import Configuration, EstimationError
+from msls_ros.estimation.mixer import Mixer, MixerLimits
+from msls_ros.inputs import NamedVector, Refused
+from msls_ros.inputs.field_paths import FieldPath
+from msls_ros.inputs.freshness import Freshness
+from msls_ros.nodes.inputs import message_class
+from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.quality import overriding, reliable
+from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
+
+OWN = "msls_msgs/msg/EffectorCommand"
+PARAMETERS = {
+    "effectors": fixed(list(Configuration().effectors), "names of the dither, in the order of all lists below"),
+    "command_type": fixed(OWN, "type of the stack's commands, and of what is published"),
+    "fields": fixed(
+        [],
+        "field path of each effector in the command, as control[0] or position[name=elevator]; empty: "
+        "delta[effectors=NAME], as in msls_msgs/EffectorCommand",
+    ),
+    "scale": fixed((), "units of the command per radian, with the sign, per effector; empty: 1", low=-1e6, high=1e6),
+    "authority": fixed((), "largest dither, in units of the command, per effector; empty: no limit", low=0.0, high=1e6),
+    "position_low": fixed((), "lowest output per effector; empty: no limit", low=-1e6, high=1e6),
+    "position_high": fixed((), "highest output per effector; empty: no limit", low=-1e6, high=1e6),
+    "rate_limit": fixed((), "fastest output, units per second, per effector; empty: no limit", low=0.0, high=1e9),
+    "stale_after": fixed(0.1, "age of a dither after which it is not added", unit="s", low=0.001, high=60.0),
+    "enabled": fixed(True, "the master switch at the start; ~/enable changes it"),
+    "queue": fixed(5, "depth of the queues; the newest are kept", unit="messages", low=1, high=1000),
+}
+
+
+class MixerNode(Node):
+    """Publish `command_out`: the commands of `command_in`, with `dither` added while it is valid.
+
+    Parameters
+    ----------
+    **options
+        As for `rclpy.node.Node`.
+
+    Raises
+    ------
+    EstimationError, NodeError
+        For a parameter that is refused.
+    """
+
+    def __init__(self, name: str = "mixer", **options: Any) -> None:
+        """Declare the parameters, and listen."""
+        super().__init__(name, **options)
+        self._p = p = declare_table(self, PARAMETERS)
+        warn_of_unknown(self)
+        names = p["effectors"]
+        limits = MixerLimits(p["authority"], p["position_low"], p["position_high"], p["rate_limit"], p["stale_after"])
+        self._mixer = Mixer(len(names), limits, p["scale"])
+        self._mixer.enabled = p["enabled"]
+        texts = p["fields"] or [f"delta[effectors={name}]" for name in names]
+        if len(texts) != len(names):
+            message = f"parameter 'fields' has {len(texts)} paths; it must have one per effector, {len(names)}, or none"
+            raise NodeError(message)
+        self._paths = [FieldPath(text) for text in texts]
+        self._dither = NamedVector("dither", names)
+        self._refusals = Refusals(self)
+        self._freshness, self._newest = Freshness(), 0
+        self._steady: Callable[[], int] = time.monotonic_ns
+        self.passed = self.mixed = 0
+        """Commands passed on as they came, and with dither."""
+        self._reason = "no command yet"
+        self._kind = message_class(p["command_type"])
+        depth, options = p["queue"], {"qos_overriding_options": overriding()}
+        self._publisher = self.create_publisher(self._kind, "command_out", reliable(depth), **options)
+        self.create_subscription(self._kind, "command_in", self._on_command, reliable(depth), raw=True, **options)
+        self.create_subscription(DitherCommand, "dither", self._on_dither, reliable(depth), **options)
+        self.create_service(SetBool, "~/enable", self._on_enable)
+        self._diagnostics = Diagnostics(self, self._health, self._refusals.counts)
+
+    def _on_dither(self, message: DitherCommand) -> None:
+        """Keep a dither until the next comes, or it is too old."""
+        stamp, now = messages.stamp_of(message), self._steady()
+        self._newest = max(self._newest, stamp) if stamp > self._newest - 1_000_000_000 else stamp
+        try:
+            (delta,) = self._dither.arrange(message.effectors, delta=message.delta)
+        except Refused as refused:
+            self._refusals.take(refused)
+            self._mixer.drop(str(refused))
+            return
+        age = self._freshness.age(stamp, self._newest, self.get_clock().now().nanoseconds)
+        self._mixer.take((now - max(age, 0)) * 1e-9, delta, message.level)
+
+    def _on_command(self, data: bytes) -> None:
+        """Pass a command on, with dither where it is valid."""
+        try:
+            output = self._with_dither(data)
+        except (Refused, EstimationError) as problem:
+            refused = problem if isinstance(problem, Refused) else Refused("field", str(problem))
+            self._refusals.take(refused)
+            self._reason, output = str(problem), None
+        except Exception as error:  # of the deserialiser: nothing may stop the stack's command
+            self._refusals.take(Refused("malformed", f"command: {error}"))
+            self._reason, output = str(error), None
+        self._publisher.publish(data if output is None else output)
+        if output is None:
+            self.passed += 1
+        else:
+            self.mixed += 1
+
+    def _with_dither(self, data: bytes) -> Any:
+        """Return the command with dither; None: as it came."""
+        message = deserialize_message(data, self._kind)
+        command = np.array([float(path.read(message)) for path in self._paths])
+        output, mixed, self._reason = self._mixer.mix(self._steady() * 1e-9, command)
+        if not mixed:
+            return None
+        for path, before, after in zip(self._paths, command.tolist(), output.tolist(), strict=True):
+            if after != before:
+                path.write(message, after)
+        return message
+
+    def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
+        self._mixer.enabled = request.data
+        response.success, response.message = True, f"dither is {'added' if request.data else 'not added'}"
+        self.get_logger().info(response.message)
+        return response
+
+    def _health(self) -> Health:
+        counts = {"mixed": self.mixed, "passed on as they came": self.passed}
+        if self.mixed + self.passed == 0:
+            return Health(DiagnosticStatus.STALE, "no command yet", counts)
+        if self._reason:
+            return Health(DiagnosticStatus.WARN, f"passing the stack's command on as it comes: {self._reason}", counts)
+        return Health(DiagnosticStatus.OK, "adding dither", counts)

@@ -1,0 +1,68 @@
+"""The node behind the terminal view: keeps the newest of all that an identifier says."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter, deque
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from msls_msgs.msg import DitherCommand, FaultEvent, LinearModel
+from rclpy.node import Node
+
+from msls_ros.nodes.quality import reliable
+
+EVENTS = 6
+"""Events that are remembered."""
+
+
+class WatchNode(Node):
+    """Listen to `model`, `dither`, `fault` and the identifier's diagnostics.
+
+    Parameters
+    ----------
+    identifier
+        Name of the identifier's node, in the same namespace.
+    **options
+        As for `rclpy.node.Node`.
+    """
+
+    def __init__(self, name: str = "watch", *, identifier: str = "identifier", **options: Any) -> None:
+        """Listen; see the class."""
+        super().__init__(name, **options)
+        self.model: LinearModel | None = None
+        self.dither: DitherCommand | None = None
+        self.status: DiagnosticStatus | None = None
+        self.events: deque[FaultEvent] = deque(maxlen=EVENTS)
+        self._counts: Counter[str] = Counter()
+        self._asked = time.monotonic(), Counter[str]()
+        namespace = self.get_namespace().rstrip("/")
+        self._prefix = f"{namespace}/{identifier}:"
+        quality = reliable(10)
+        self.create_subscription(LinearModel, "model", self._on_model, quality)
+        self.create_subscription(DitherCommand, "dither", self._on_dither, quality)
+        self.create_subscription(FaultEvent, "fault", self._on_fault, quality)
+        self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, quality)
+
+    def rates(self) -> dict[str, float]:
+        """Return the rates of the topics since the last call [Hz]."""
+        since, before = self._asked
+        now, counts = time.monotonic(), self._counts.copy()
+        self._asked = now, counts
+        return {t: (counts[t] - before[t]) / max(now - since, 1e-3) for t in ("model", "dither")}
+
+    def _on_model(self, message: LinearModel) -> None:
+        self.model = message
+        self._counts["model"] += 1
+
+    def _on_dither(self, message: DitherCommand) -> None:
+        self.dither = message
+        self._counts["dither"] += 1
+
+    def _on_fault(self, message: FaultEvent) -> None:
+        self.events.append(message)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name.startswith(self._prefix):
+                self.status = status

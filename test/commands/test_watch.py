@@ -1,0 +1,62 @@
+"""The terminal view shows what an identifier says, and refuses what is no parameter."""
+
+from __future__ import annotations
+
+import io
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from rich.console import Console
+
+from msls_ros import messages
+from msls_ros.commands import watch
+from msls_ros.estimation import Configuration, EventKind, FaultEvent, Identifier
+from msls_ros.nodes.watching import WatchNode
+from msls_ros.testing import Bench
+
+
+def shown(seen: Any, *parameters: str) -> str:
+    text = io.StringIO()
+    Console(file=text, width=110).print(watch.render(seen, parameters, {"model": 50.0, "dither": 50.0}))
+    return text.getvalue()
+
+
+def test_nothing_heard_yet_is_said() -> None:
+    text = shown(SimpleNamespace(model=None, dither=None, status=None, events=[]), "P/ddt")
+    assert "no diagnostics yet" in text and "no model yet" in text and "dither: none yet" in text
+
+
+def test_parameters_dither_events_and_rates_are_shown(bench: Bench) -> None:
+    node = WatchNode(context=bench.context)
+    bench.adopt(node)
+    identifier = Identifier(Configuration())
+    estimate = identifier.estimate(1.0, np.zeros(9))
+    estimate.b[3, 2], estimate.b_std[3, 2] = 1.25, 0.1
+    event = FaultEvent(1.0, EventKind.DETECTED, ("P",), (9.0,), (7.0,), description="abrupt change in dP/dt")
+    bench.publish("model", messages.model_message(1_000_000_000, estimate))
+    bench.publish("dither", messages.dither_message(1_000_000_000, identifier.configuration.effectors, estimate.dither))
+    bench.publish("fault", messages.fault_message(1_500_000_000, event))
+    bench.spin_until(lambda: node.model is not None and node.dither is not None and node.events, "what was said")
+    text = shown(node, "P/ddt", "P/nonsense", "x/y")
+    assert "1.25" in text and "± 0.196" in text
+    assert text.count("no such parameter") == 2
+    assert "dither: off (no sample yet)" in text and "1.500 s  abrupt change in dP/dt" in text
+    assert "model 50.0 Hz" in text
+    assert set(node.rates()) == {"model", "dither"}
+
+
+@pytest.mark.parametrize(("value", "std"), [(1.0, 0.1), (-3.0, 0.0), (0.0, 2.0), (1e9, 1e9)])
+def test_a_bar_holds_value_and_band(value: float, std: float) -> None:
+    bar = watch.bar(value, std)
+    assert len(bar) == watch.BAR and bar.count("o") == 1
+    if value:
+        assert (bar.index("o") > watch.BAR // 2) == (value > 0)
+    assert watch.bar(float("nan"), 1.0) == ""
+
+
+@pytest.mark.parametrize("arguments", [["P"], ["P/"], ["--rate", "0"]])
+def test_wrong_usage_is_one_line_and_exit_code_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    assert watch.main(arguments) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

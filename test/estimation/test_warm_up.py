@@ -1,0 +1,68 @@
+"""After the warm-up nothing is left to compile, whatever happens in flight."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msls_ros.estimation import Configuration, EventKind, Identifier
+from msls_ros.estimation import compiled as room
+from msls_ros.estimation.warm_up import count_compiled, warm_up
+from msls_ros.inputs.profiles import config_folder, read_profile
+
+PROFILES = sorted(path.stem for path in config_folder().glob("*.yaml"))
+SAMPLES = 400
+
+
+def flight(configuration: Configuration) -> tuple[Any, Any, Any, Any]:
+    """Return samples of an aircraft that loses most of an effector, and then meets gusts."""
+    random = np.random.default_rng(1)
+    n, m = len(configuration.states), len(configuration.effectors)
+    x = random.normal(size=(SAMPLES, n)) * 0.1
+    x[:, 0] += configuration.reference_speed
+    x[300:, 1:3] += np.cumsum(random.normal(size=(100, 2)), axis=0)
+    delta, b = random.normal(size=(SAMPLES, m)) * 0.1, random.normal(size=(n, m))
+    b[3] = 0.0
+    b[3, 2] = 10.0
+    after = b.copy()
+    after[3, 2] *= 0.1
+    clean = np.where(np.arange(SAMPLES)[:, None] < 200, delta @ b.T, delta @ after.T)
+    clean[:, :3] -= 0.2 * (x[:, :3] - x[0, :3])
+    return np.arange(SAMPLES) / configuration.sample_rate, x, clean + random.normal(size=x.shape) * 1e-4, delta
+
+
+@pytest.mark.skipif(not room.HAVE_NUMBA, reason="nothing is compiled without numba")
+@pytest.mark.parametrize("profile", PROFILES)
+def test_no_update_after_the_warm_up_compiles_anything(profile: str) -> None:
+    warm_up()
+    before = count_compiled()
+    configuration = read_profile(profile)
+    identifier = Identifier(configuration)
+    t, x, xdot, delta = flight(configuration)
+    events = [
+        event.kind for k in range(SAMPLES) for event in identifier.update(float(t[k]), x[k], xdot[k], delta[k]).events
+    ]
+    assert EventKind.DETECTED in events
+    identifier.configure({"dither.enabled": False})
+    identifier.enabled = False
+    identifier.update(t[-1] + 0.02, x[0], xdot[0], delta[0])
+    identifier.enabled = True
+    identifier.reset()
+    identifier.run(t, x, xdot, delta, 10)
+    identifier.warm_start(np.zeros((9, 9)), np.zeros((9, 7)), np.zeros(9), identifier.covariance)
+    identifier.update(0.0, x[0], xdot[0], delta[0])
+    assert count_compiled() == before
+
+
+@pytest.mark.skipif(not room.HAVE_NUMBA, reason="nothing is compiled without numba")
+def test_a_kernel_is_compiled_where_no_cache_can_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    monkeypatch.setattr(room, "_cache_folder", lambda: str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(room, "KERNELS", [])
+    space: dict[str, Any] = {}
+    exec("def twice(x: float) -> float:\n    return 2.0 * x\n", space)  # of no file: nothing can be cached beside it
+    twice = room.compiled(space["twice"])
+    assert twice(2.0) == 4.0 and [twice] == room.KERNELS

@@ -1,0 +1,121 @@
+"""The launch files: described arguments, executables and parameters that exist; for real where launch is installed."""
+
+from __future__ import annotations
+
+import ast
+import importlib.util
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from launch_standins import LAUNCH, description, started
+from msls_msgs.msg import LinearModel, StateSample
+from rosgraph_msgs.msg import Clock
+
+from msls_ros import messages
+from msls_ros.nodes import identifier, pilot, plant, recorder
+from msls_ros.testing import Bench
+
+FILES = sorted(LAUNCH.glob("*.launch.py"))
+WANTED = {"namespace", "params_file", "inputs", "autostart", "respawn", "log_level", "use_sim_time", "record"}
+TABLES: dict[str, Any] = {
+    "identifier": identifier.PARAMETERS,
+    "pilot": pilot.PARAMETERS,
+    "plant": plant.PARAMETERS,
+    "recorder": recorder.PARAMETERS,
+}
+HAVE_LAUNCH = importlib.util.find_spec("launch") is not None and importlib.util.find_spec("launch_ros") is not None
+SINGLE = [path for path in FILES if path.name != "two_aircraft.launch.py"]
+
+
+@pytest.mark.parametrize("path", FILES, ids=lambda p: p.stem)
+def test_every_argument_is_described(path: Path) -> None:
+    _, entities = description(path)
+    declared = {e.given[0]: e.named for e in entities if type(e).__name__ == "DeclareLaunchArgument"}
+    assert path not in SINGLE or declared.keys() >= WANTED
+    assert all(len(named["description"]) > 10 and "default_value" in named for named in declared.values())
+
+
+@pytest.mark.parametrize("path", SINGLE, ids=lambda p: p.stem)
+@pytest.mark.parametrize("namespace", ["", "left"])
+def test_nodes_parameters_and_files_exist(path: Path, namespace: str) -> None:
+    nodes = started(path, namespace=namespace, record="flight", respawn="true", use_sim_time="true")
+    setup = ast.parse((LAUNCH.parent / "setup.py").read_text())
+    values = [n.value for n in setup.body if isinstance(n, ast.Assign) and ast.unparse(n.targets[0]) == "EXECUTABLES"]
+    executables = ast.literal_eval(values[0])
+    for node in nodes:
+        assert node["package"] == "msls_ros" and node["executable"] in executables
+        assert node["namespace"] == namespace and node["respawn"] is True
+        assert node["remappings"] == ([("/clock", "clock")] if namespace else [])
+        for given in node["parameters"]:
+            if isinstance(given, str):
+                assert yaml.safe_load(Path(given).read_text())["/**"]["ros__parameters"]
+            else:
+                assert not given.keys() - {*TABLES[node["executable"]], "use_sim_time"}
+    assert {n["executable"] for n in nodes} >= {"identifier", "recorder"}
+    assert len({n["name"] for n in nodes}) == len(nodes)
+
+
+def test_two_aircraft_are_two_namespaces_with_shipped_profiles() -> None:
+    module, entities = description(LAUNCH / "two_aircraft.launch.py")
+    assert len([e for e in entities if type(e).__name__ == "GroupAction"]) == len(module.AIRCRAFT) == 2
+    for name, given in module.AIRCRAFT.items():
+        assert started(LAUNCH / "closed_loop.launch.py", namespace=name, **given)
+
+
+RUN = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+given = dict(a.split(":=", 1) for a in sys.argv[2:]).items()
+service = LaunchService()
+source = PythonLaunchDescriptionSource(sys.argv[1])
+service.include_launch_description(LaunchDescription([IncludeLaunchDescription(source, launch_arguments=given)]))
+sys.exit(service.run())
+"""
+
+
+@contextmanager
+def launched(bench: Bench, name: str, *arguments: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a launch file with the real launch; its end is by SIGINT, as from a terminal."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", RUN, str(LAUNCH / f"{name}.launch.py"), *arguments],
+        env={**os.environ, "ROS_DOMAIN_ID": str(bench.domain)},
+        text=True,
+        stderr=subprocess.STDOUT,
+        stdout=subprocess.PIPE,
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        os.killpg(process.pid, signal.SIGINT)
+        out, _ = process.communicate(timeout=60)
+        assert "Traceback" not in out, out
+
+
+@pytest.mark.skipif(not HAVE_LAUNCH, reason="launch is not installed: it is not on the package index")
+def test_two_aircraft_fly_at_once_without_crosstalk_each_with_its_own_clock(bench: Bench) -> None:
+    models: dict[str, list[LinearModel]] = {name: [] for name in ("left", "right")}
+    states: dict[str, list[StateSample]] = {name: [] for name in models}
+    clocks: dict[str, list[Clock]] = {name: [] for name in models}
+    for name in models:
+        bench.probe.create_subscription(LinearModel, f"/{name}/model", models[name].append, 10)
+        bench.probe.create_subscription(StateSample, f"/{name}/state", states[name].append, 10)
+        bench.probe.create_subscription(Clock, f"/{name}/clock", clocks[name].append, 10)
+    with launched(bench, "two_aircraft"):
+        bench.spin_until(lambda: all(len(m) > 100 for m in models.values()), "models of both")
+        assert bench.probe.count_publishers("/clock") == 0
+    for name in models:
+        assert clocks[name] and messages.stamp_of(models[name][-1]) <= messages.stamp_of(states[name][-1])
+    speeds = {name: [s.x[0] for s in found] for name, found in states.items()}
+    assert max(speeds["left"]) < 100.0 < min(speeds["right"])
+    assert max(m.samples for m in models["left"]) >= 100
