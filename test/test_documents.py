@@ -48,6 +48,8 @@ LIVE = f"{HERE}::test_the_live_fault_is_flown_as_the_page_says"
 BAG = f"{HERE}::test_the_commands_on_a_bag_run_one_after_the_other"
 RUN_BY = {
     "./msls demo": DEMO,
+    "./msls demo --scenario c172x_elevator_half": "test/commands/test_demo.py"
+    "::test_another_aircraft_flies_is_judged_replayed_and_reported",
     "./msls demo --scenario docs/examples/my_flight.yaml": "test/flights/test_scenario_flights.py"
     "::test_the_demo_flies_an_own_file_and_judges_it_by_what_it_watches",
     "./msls test": "itself",

@@ -167,7 +167,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         "alarms": [[round(when, 9), list(equations)] for when, equations in alarms],
         "false_alarms": false_alarms(spans, alarms),
         "exposed_s": round(exposed(spans, scenario.duration), 6),
-        "watch": "/".join(watch),
+        "watch": str(watch),
         "truth_before": truth_before,
         "truth_end": float(truth[-1]),
     }
@@ -214,7 +214,7 @@ def _peers(configuration: Configuration, watch: Watch) -> dict[str, Identifier]:
     """Return the peers of an identifier, whatever its seed: they do not fly."""
     peers = {name: Identifier(configuration.replace(changes)) for name, changes in PEERS.items()}
     for peer in peers.values():
-        peer.follow(*watch)
+        peer.follow(watch.row, watch.column)
     return peers
 
 

@@ -38,7 +38,7 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "scenario": cell.scenario.name,
         "noise": cell.noise,
         "setting": dict(cell.setting),
-        "watch": "/".join(cell.scenario.watch),
+        "watch": str(cell.scenario.watch),
         "flights": len(rows),
         "failed": len(rows) - len(flown),
         "faults": len(faults),

@@ -15,12 +15,13 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.progress import Progress
+from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.offline.comparison import compare
-from msls_ros.plant import EFFECTORS, NOISE_LEVELS
+from msls_ros.plant import NOISE_LEVELS
 
 
 def parser() -> argparse.ArgumentParser:
@@ -28,7 +29,7 @@ def parser() -> argparse.ArgumentParser:
     result = OneLineParser(
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Fly the F-16/MATV in closed loop with the identifier, over DDS; record, compare, draw.",
+        description="Fly an aircraft in closed loop with the identifier, over DDS; record, compare, draw.",
         epilog=f"scenarios:\n{listing()}\n\nThey are files in config/scenarios/, where each key is explained.",
     )
     result.add_argument(
@@ -100,9 +101,12 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show
         )
     print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
-    comparison = compare(record.bag, configuration, scenario.watch)
+    comparison = compare(record.bag, configuration, scenario.watch, scenario.airframe)
     found = {
         "scenario": scenario.name,
+        "aircraft": scenario.aircraft.file
+        if scenario.aircraft.name not in shipped_aircraft()
+        else scenario.aircraft.name,
         "description": scenario.description,
         "seed": seed,
         "noise": noise,
@@ -127,6 +131,7 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
     watch = scenario.watch
     about = f"{scenario.description}; sensor noise {noise}, seed {seed}"
     paths = [out / f"{watch.symbol}.png", out / "states.png", out / "dither.png"]
+    effectors = scenario.airframe.effectors
     common: dict[str, Any] = {"faults": scenario.fault_spans, "alarms": alarms}
     figures.plot_parameter(
         paths[0],
@@ -138,9 +143,9 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
         label=f"{watch.symbol} [{watch.unit}]",
         **common,
     )
-    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, EFFECTORS, title=f"Flight\n{about}", **common)
+    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, effectors, title=f"Flight\n{about}", **common)
     figures.plot_dither(
-        paths[2], c.time, c.dither, EFFECTORS, c.predicted, c.limit, c.realised, title=f"Dither\n{about}", **common
+        paths[2], c.time, c.dither, effectors, c.predicted, c.limit, c.realised, title=f"Dither\n{about}", **common
     )
     return paths
 

@@ -1,4 +1,4 @@
-"""The simulated F-16 in closed loop with an identifier, in this process and without ROS: for many flights.
+"""A simulated aircraft in closed loop with an identifier, in this process and without ROS: for many flights.
 
 What happens in a sample is what the nodes do in lockstep: the aircraft is measured, the identifier takes the sample,
 the pilot answers, and pilot plus dither fly the aircraft to the next sample. A fault strikes between two samples.
@@ -19,15 +19,18 @@ from msls_ros.plant import (
     Aircraft,
     Fault,
     FaultSchedule,
+    FlightCondition,
+    Instruments,
     LinearTruth,
     Manoeuvre,
-    Pilot,
     PlantError,
     RollDoublet,
     Sample,
-    Sensors,
     Trim,
+    make_pilot,
+    make_sensors,
 )
+from msls_ros.plant.instruments import RealSensors
 
 Array = NDArray[np.float64]
 
@@ -95,10 +98,15 @@ class Flight:
     """[s]"""
     manoeuvre: Manoeuvre = field(default_factory=RollDoublet)
     faults: tuple[Fault, ...] = ()
-    condition: str = "high_alpha"
+    condition: str | FlightCondition = "high_alpha"
+    """A name of `CONDITIONS`, or one of another aircraft."""
     turbulence: str = "none"
     rates: Rates = field(default_factory=Rates)
     measure: Callable[[Sample], Sample] | None = None
+    instruments: Instruments | None = None
+    """Sensors as they are on real aircraft."""
+    gusts: float = 0.0
+    """Rms of first-order gusts [m/s]."""
 
 
 @dataclass
@@ -164,18 +172,27 @@ def fly(
     PlantError
         For a condition, noise level or turbulence that does not exist, or a flight that diverges.
     """
-    if flight.condition not in CONDITIONS:
-        message = f"unknown condition '{flight.condition}': expected one of {', '.join(CONDITIONS)}"
-        raise PlantError(message)
-    rates, condition = flight.rates, CONDITIONS[flight.condition]
-    aircraft = Aircraft(condition, rate=rates.flight_dynamics, turbulence=flight.turbulence, seed=flight.seed)
-    pilot = Pilot(*_still_air(flight.condition), flight.manoeuvre)
-    measure = flight.measure or Sensors(flight.noise, flight.seed).measure
+    rates, condition = flight.rates, _condition(flight.condition)
+    aircraft = Aircraft(
+        condition,
+        rate=rates.flight_dynamics,
+        turbulence=flight.turbulence,
+        seed=flight.seed,
+        gusts=flight.gusts,
+    )
+    pilot = make_pilot(*still_air(condition), flight.manoeuvre)
+    sensors = make_sensors(flight.instruments, flight.noise, flight.seed)
+    measure = flight.measure or sensors.measure
     identifier, log = Identifier(configuration), FlightLog()
     if follow is not None:
         identifier.follow(*follow)
     faults = FaultSchedule(flight.faults, rates.period)
+    command = aircraft.trim.delta
     for k in range(round(flight.duration / rates.period)):
+        if sensors.lost():
+            _step(aircraft, sensors, faults, k, command, rates.steps)
+            continue
+        at = len(log.time)
         measured = measure(aircraft.sample())
         time = round(measured.time * 1e9) * 1e-9  # as messages carry it
         dither = identifier.learn(time, measured.x, measured.xdot, measured.delta)
@@ -183,24 +200,40 @@ def fly(
         log.x.append(measured.x)
         log.xdot.append(measured.xdot)
         log.delta.append(measured.delta)
-        due = k % rates.truth_every == 0 or faults.turns(k)
+        due = at % rates.truth_every == 0 or faults.turns(k)
         if due:
-            log.truths[k] = aircraft.truth()
+            log.truths[at] = aircraft.truth()
         log.dithers.append(dither)
         if due or not sparse or identifier.news:
             log.estimates.append(identifier.estimate(time, measured.x))
-            log.estimated.append(k)
+            log.estimated.append(at)
         if follow is not None:
             log.followed.append(identifier.followed)
         command = pilot.command(time, measured.x) + dither.delta
-        faults.strike(k, aircraft)
-        for _ in range(rates.steps):
-            aircraft.step(command)
+        _step(aircraft, sensors, faults, k, command, rates.steps)
     return log
 
 
+def _step(aircraft: Aircraft, sensors: RealSensors, faults: FaultSchedule, k: int, command: Array, steps: int) -> None:
+    """Fly from a sample to the next."""
+    faults.strike(k, aircraft)
+    for _ in range(steps):
+        if sensors.follows:
+            sensors.follow(aircraft.sample())
+        aircraft.step(command)
+
+
+def _condition(condition: str | FlightCondition) -> FlightCondition:
+    if isinstance(condition, FlightCondition):
+        return condition
+    if condition not in CONDITIONS:
+        message = f"unknown condition '{condition}': expected one of {', '.join(CONDITIONS)}"
+        raise PlantError(message)
+    return CONDITIONS[condition]
+
+
 @cache
-def _still_air(condition: str) -> tuple[Trim, LinearTruth]:
+def still_air(condition: FlightCondition) -> tuple[Trim, LinearTruth]:
     """Return what a pilot is designed for, as its node does: still air, whatever the rate of the flight dynamics."""
-    aircraft = Aircraft(CONDITIONS[condition])
+    aircraft = Aircraft(condition, rate=max(100, condition.airframe.least_rate))
     return aircraft.trim, aircraft.truth()

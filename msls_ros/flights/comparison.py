@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from msls_ros.flights.judging import START, TICK, detection, errors, false_alarms, mean, rms
 from msls_ros.flights.scenarios import Scenario
-from msls_ros.plant import ACTUATORS, PILOT_STATION
+from msls_ros.plant import F16_MATV, Airframe
 
 Array = NDArray[np.float64]
 GRAVITY = 9.80665
@@ -36,9 +36,9 @@ class Comparison:
     x: Array
     """(n, 9) true states."""
     delta: Array
-    """(n, 7) measured deflections [rad]."""
+    """(n, m) measured deflections [rad]."""
     dither: Array
-    """(n, 7) dither commands [rad]."""
+    """(n, m) dither commands [rad]."""
     dither_rms: Array
     """(n,) rms wanted at the surfaces [rad]."""
     predicted: Array
@@ -51,7 +51,7 @@ class Comparison:
     """Time [s], kind and equations."""
 
 
-def realised_acceleration(time: Array, commands: Array, truth_b: Array) -> Array:
+def realised_acceleration(time: Array, commands: Array, truth_b: Array, airframe: Airframe = F16_MATV) -> Array:
     """Acceleration (n, 3) at the pilot's station by the dither alone [g] (eq 20), through first-order actuators.
 
     Parameters
@@ -59,12 +59,14 @@ def realised_acceleration(time: Array, commands: Array, truth_b: Array) -> Array
     time
         (n,) [s].
     commands
-        (n, 7) dither [rad], held from each sample to the next.
+        (n, m) dither [rad], held from each sample to the next.
     truth_b
-        (n, 9, 7) true B.
+        (n, 9, m) true B.
+    airframe
+        Of which actuators and the pilot's station are taken.
     """
-    forward, above = PILOT_STATION
-    pole = np.exp(-np.array([a.bandwidth for a in ACTUATORS]) * float(np.median(np.diff(time))))
+    forward, above = airframe.station
+    pole = np.exp(-np.array([a.bandwidth for a in airframe.actuators]) * float(np.median(np.diff(time))))
     surface = np.zeros_like(commands)
     for k in range(1, len(commands)):
         surface[k] = pole * surface[k - 1] + (1.0 - pole) * commands[k - 1]
@@ -90,7 +92,7 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
     alarms = [(t, equations) for t, kind, equations in c.events if kind == "detected"]
     detections = [detection(span, alarms) for span in scenario.fault_spans]
     return {
-        "watch": "/".join(scenario.watch),
+        "watch": str(scenario.watch),
         "detection": detections[0] if detections else detection(None, alarms),
         "detections": detections,
         "false_alarms": false_alarms(scenario.fault_spans, alarms),

@@ -1,4 +1,4 @@
-"""YAML of the scenarios, read strictly: what is wrong is refused in one sentence with file, key, found and expected."""
+"""YAML of scenarios and aircraft, read strictly: one sentence says file, key, what was found and expected."""
 
 from __future__ import annotations
 
@@ -14,8 +14,12 @@ class ScenarioError(ValueError):
     """A scenario cannot be used: one sentence, what was found and what was expected."""
 
 
+SCENARIO, AIRCRAFT = "scenario file", "aircraft file"
+"""What the sentences call a file."""
+
+
 class Section:
-    """A mapping of a scenario's file.
+    """A mapping of a file.
 
     Parameters
     ----------
@@ -27,6 +31,8 @@ class Section:
         What the file has there.
     known
         The keys that it may have; empty: any.
+    kind
+        What the sentences call the file.
 
     Raises
     ------
@@ -34,8 +40,8 @@ class Section:
         If it is no mapping, or has a key that is not known.
     """
 
-    def __init__(self, file: Path, key: str, values: Any, known: Iterable[str] = ()) -> None:
-        self.file, self.key = file, key
+    def __init__(self, file: Path, key: str, values: Any, known: Iterable[str] = (), kind: str = SCENARIO) -> None:
+        self.file, self.key, self.kind = file, key, kind
         if not isinstance(values, Mapping):
             self.refuse(None, f"is {shown(values)}; expected a section of keys")
         self.values: Mapping[str, Any] = values
@@ -47,12 +53,12 @@ class Section:
     def refuse(self, name: str | None, text: str) -> NoReturn:
         """Raise ScenarioError about a key, or about the section itself."""
         key = ".".join(part for part in (self.key, name) if part)
-        raise ScenarioError(f"scenario file '{self.file}': {f'{key} ' if key else ''}{text}")
+        raise ScenarioError(f"{self.kind} '{self.file}': {f'{key} ' if key else ''}{text}")
 
     def wrap(self, name: str, error: Exception) -> NoReturn:
         """Raise ScenarioError of what another said about a key."""
         key = ".".join(part for part in (self.key, name) if part)
-        message = f"scenario file '{self.file}': {key}: {error}"
+        message = f"{self.kind} '{self.file}': {key}: {error}"
         raise ScenarioError(message) from error
 
     def get(self, name: str, default: Any, expected: str) -> Any:
@@ -105,18 +111,25 @@ class Section:
     def section(self, name: str, known: Iterable[str] = (), default: Mapping[str, Any] | None = None) -> Section:
         """Return a section within this one."""
         key = f"{self.key}.{name}" if self.key else name
-        return Section(self.file, key, self.get(name, default, "a section of keys"), known)
+        return Section(self.file, key, self.get(name, default, "a section of keys"), known, self.kind)
 
     def sections(self, name: str, known: Iterable[str]) -> list[Section]:
         """Return a list of sections; none where the key is not there."""
         values = self.values.get(name, [])
         if not isinstance(values, list):
             self.refuse(name, f"is {shown(values)}; expected a list, [] for none")
-        return [Section(self.file, f"{name}[{i}]", value, known) for i, value in enumerate(values)]
+        return [Section(self.file, f"{name}[{i}]", value, known, self.kind) for i, value in enumerate(values)]
 
 
-def load(file: Path) -> Any:
+def load(file: Path, kind: str = SCENARIO) -> Any:
     """Return what a YAML file holds.
+
+    Parameters
+    ----------
+    file
+        Its path.
+    kind
+        What the sentences call it.
 
     Raises
     ------
@@ -125,26 +138,26 @@ def load(file: Path) -> Any:
     """
     try:
         text = file.read_text(encoding="utf-8")
-        _refuse_twins(file, yaml.compose(text, yaml.SafeLoader), "")
+        _refuse_twins(file, yaml.compose(text, yaml.SafeLoader), "", kind)
         return yaml.safe_load(text)
     except OSError as error:
-        message = f"scenario file '{file}' cannot be read: {error.strerror}"
+        message = f"{kind} '{file}' cannot be read: {error.strerror}"
         raise ScenarioError(message) from error
     except RecursionError as error:
-        message = f"scenario file '{file}' is nested without end; expected a section of keys"
+        message = f"{kind} '{file}' is nested without end; expected a section of keys"
         raise ScenarioError(message) from error
     except (yaml.YAMLError, ValueError, AttributeError, TypeError) as error:
         if isinstance(error, ScenarioError):
             raise
-        message = f"scenario file '{file}' is not YAML: {' '.join(str(error).split())}"
+        message = f"{kind} '{file}' is not YAML: {' '.join(str(error).split())}"
         raise ScenarioError(message) from error
 
 
-def _refuse_twins(file: Path, node: Any, key: str) -> None:
+def _refuse_twins(file: Path, node: Any, key: str, kind: str) -> None:
     """Raise ScenarioError where a mapping has a key twice, of which YAML would keep the last."""
     if isinstance(node, yaml.SequenceNode):
         for i, child in enumerate(node.value):
-            _refuse_twins(file, child, f"{key}[{i}]")
+            _refuse_twins(file, child, f"{key}[{i}]", kind)
     if not isinstance(node, yaml.MappingNode):
         return
     seen: dict[str, int] = {}
@@ -152,10 +165,10 @@ def _refuse_twins(file: Path, node: Any, key: str) -> None:
         line, word = name.start_mark.line + 1, str(name.value)
         dotted = f"{key}.{word}" if key else word
         if word in seen:
-            message = f"scenario file '{file}': {dotted} stands in line {seen[word]} and in line {line}; expected once"
+            message = f"{kind} '{file}': {dotted} stands in line {seen[word]} and in line {line}; expected once"
             raise ScenarioError(message)
         seen[word] = line
-        _refuse_twins(file, child, dotted)
+        _refuse_twins(file, child, dotted, kind)
 
 
 def shown(value: Any) -> str:
@@ -172,6 +185,10 @@ def shown(value: Any) -> str:
     return f"a {type(value).__name__}"
 
 
+LISTED = 40
+"""So many names, at most, are listed in a sentence."""
+
+
 def suggestion(found: object, known: Iterable[str]) -> str:
     """Return the names that would be right, the likely one first where one is."""
     names = tuple(known)
@@ -179,8 +196,8 @@ def suggestion(found: object, known: Iterable[str]) -> str:
         return "a word"
     close = difflib.get_close_matches(found, names, 1) if isinstance(found, str) else []
     if close:
-        return f"'{close[0]}'" if len(names) > 20 else f"'{close[0]}', or another of {', '.join(names)}"
-    return f"one of {', '.join(names)}" if len(names) <= 20 else f"one such as '{names[0]}'"
+        return f"'{close[0]}'" if len(names) > LISTED else f"'{close[0]}', or another of {', '.join(names)}"
+    return f"one of {', '.join(names)}" if len(names) <= LISTED else f"one such as '{names[0]}'"
 
 
 def _is_float(text: str) -> bool:

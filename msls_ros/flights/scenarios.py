@@ -13,21 +13,26 @@ from typing import Any
 
 from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.estimation.configuration import as_mapping
+from msls_ros.flights.aircraft_files import DEFAULT, AircraftData, find_aircraft
 from msls_ros.flights.closed_loop import Flight, Rates
 from msls_ros.flights.scenario_yaml import ScenarioError, Section, load, shown, suggestion
+from msls_ros.flights.sensors_yaml import first_word, read_sensors, rest
 from msls_ros.flights.watch import ROLL_POWER, ROWS, Watch
 from msls_ros.inputs.profiles import config_folder, read_profile
 from msls_ros.plant import (
-    CONDITIONS,
-    EFFECTORS,
     MANOEUVRES,
     NOISE_LEVELS,
+    OWN_MODEL,
     STATES,
-    SURFACES,
     TURBULENCE,
+    Airframe,
     Fault,
+    FlightCondition,
+    Instruments,
+    Manoeuvre,
     PlantError,
     check_faults,
+    parse_manoeuvre,
 )
 
 __all__ = ["Scenario", "ScenarioError", "find_scenario", "listing", "read_scenario", "shipped", "shipped_names"]
@@ -35,8 +40,8 @@ __all__ = ["Scenario", "ScenarioError", "find_scenario", "listing", "read_scenar
 FIRST = ("roll_doublet_tail_fault", "roll_doublet")
 """The paper's; the other shipped ones follow in the order of the alphabet."""
 KEYS = (
-    *("description", "condition", "manoeuvre", "duration", "noise", "turbulence"),
-    *("rates", "faults", "watch", "identifier"),
+    *("description", "aircraft", "condition", "manoeuvre", "manoeuvre_scale", "duration", "noise", "turbulence"),
+    *("gusts", "sensors", "rates", "faults", "watch", "identifier"),
 )
 RATES = ("flight_dynamics", "sensors", "truth")
 FAULT = ("effector", "time", "effectiveness", "ramp", "stuck", "bias")
@@ -65,9 +70,9 @@ class Scenario:
     description: str
     """One line."""
     condition: str
-    """A name of `CONDITIONS`."""
+    """Of the aircraft."""
     manoeuvre: str
-    """A name of `MANOEUVRES`."""
+    """A name of `MANOEUVRES`, or segments of flight test separated by semicolons."""
     duration: float
     """[s]"""
     profile: str
@@ -83,6 +88,29 @@ class Scenario:
     """The parameter whose error is followed."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """What changes in the profile, by noise."""
+    aircraft: AircraftData = field(default_factory=lambda: find_aircraft(DEFAULT))
+    """What flies."""
+    manoeuvre_scale: float = 1.0
+    """Multiplies the inputs of flight test [1]."""
+    gusts: float = 0.0
+    """Rms of first-order gusts [m/s]."""
+    instruments: Instruments | None = None
+    """Sensors as they are on real aircraft."""
+
+    @property
+    def airframe(self) -> Airframe:
+        """Of the aircraft."""
+        return self.aircraft.airframe
+
+    @property
+    def flight_condition(self) -> FlightCondition:
+        """Where it flies."""
+        return self.aircraft.condition(self.condition)
+
+    @property
+    def flown(self) -> Manoeuvre:
+        """What the pilot does."""
+        return parse_manoeuvre(self.manoeuvre, self.airframe, self.manoeuvre_scale)
 
     @property
     def has_fault(self) -> bool:
@@ -116,11 +144,13 @@ class Scenario:
             noise,
             seed,
             self.duration,
-            MANOEUVRES[self.manoeuvre],
+            self.flown,
             self.faults,
-            self.condition,
+            self.flight_condition,
             self.turbulence,
             self.rates,
+            instruments=self.instruments,
+            gusts=self.gusts,
         )
 
 
@@ -177,11 +207,13 @@ def read_scenario(file: Path) -> Scenario:
     """
     top = Section(file, "", load(file), KEYS)
     description = top.text("description", "one line of text")
-    condition = top.word("condition", CONDITIONS)
-    manoeuvre = top.word("manoeuvre", MANOEUVRES)
+    aircraft = _read_aircraft(top)
+    condition = top.word("condition", aircraft.condition_names, aircraft.condition_names[0])
+    scale = top.number("manoeuvre_scale", -10.0, 10.0, "", 1.0)
+    manoeuvre = _read_manoeuvre(top, aircraft.airframe, scale)
     duration = top.number("duration", 0.1, LONGEST, "s")
-    profile, parameters = _read_identifier(top)
-    rates = _read_rates(top)
+    profile, parameters = _read_identifier(top, aircraft.airframe)
+    rates = _read_rates(top, aircraft.airframe)
     samples = round(duration / rates.period)
     if samples < LEAST_SAMPLES:
         least = f"at least {LEAST_SAMPLES} samples, {LEAST_SAMPLES * rates.period:g} s at {rates.sensors} Hz"
@@ -196,26 +228,56 @@ def read_scenario(file: Path) -> Scenario:
         top.word("noise", NOISE_LEVELS, "low"),
         top.word("turbulence", TURBULENCE, "none"),
         rates,
-        _read_faults(top, duration, rates.period),
-        _read_watch(top),
+        _read_faults(top, duration, rates.period, aircraft.airframe),
+        _read_watch(top, aircraft.airframe.effectors),
         parameters,
+        aircraft,
+        scale,
+        top.number("gusts", 0.0, 30.0, "m/s", 0.0),
+        read_sensors(top),
     )
 
 
-def _read_rates(top: Section) -> Rates:
+def _read_aircraft(top: Section) -> AircraftData:
+    name = top.text("aircraft", "a shipped aircraft or the path of a .yaml file", DEFAULT)
+    try:
+        return find_aircraft(name, top.file.parent)
+    except ScenarioError as error:
+        top.wrap("aircraft", error)
+
+
+def _read_manoeuvre(top: Section, airframe: Airframe, scale: float) -> str:
+    """Return a manoeuvre as a line: a word, or a list of segments."""
+    value = top.get("manoeuvre", None, f"one of {', '.join(MANOEUVRES)}, or a list such as [quiet 10, elevator_3211 8]")
+    if not isinstance(value, list):
+        names = MANOEUVRES if airframe.model == OWN_MODEL else ("steady",)
+        return top.word("manoeuvre", names)
+    text = "; ".join(map(str, value)) + ";"
+    try:
+        parse_manoeuvre(text, airframe, scale)
+    except PlantError as error:
+        top.wrap("manoeuvre", error)
+    return text
+
+
+def _read_rates(top: Section, airframe: Airframe) -> Rates:
     section = top.section("rates", RATES, {})
     default = Rates()
     values = {name: section.whole(name, 1, 1000, "Hz", getattr(default, name)) for name in RATES}
+    least = airframe.least_rate
+    if 50 <= values["flight_dynamics"] < least:
+        found = f"is {values['flight_dynamics']} Hz"
+        section.refuse("flight_dynamics", f"{found}; expected at least {least}, which {airframe.name} needs")
     try:
         return Rates(**values)
     except PlantError as error:
-        section.refuse(_first_word(error), _rest(error))
+        section.refuse(first_word(error), rest(error))
 
 
-def _read_faults(top: Section, duration: float, period: float) -> tuple[Fault, ...]:
+def _read_faults(top: Section, duration: float, period: float, airframe: Airframe) -> tuple[Fault, ...]:
     faults = []
     for section in top.sections("faults", FAULT):
-        effector = section.word("effector", (*SURFACES, *EFFECTORS))
+        effector = section.word("effector", dict.fromkeys((*airframe.surface_names, *airframe.effectors)))
         time = section.number("time", 0.0, LONGEST, "s")
         effectiveness = section.number("effectiveness", 0.0, 1.0, "(0 lost, 1 intact)")
         ramp = section.number("ramp", 0.0, 3600.0, "s", 0.0)
@@ -223,9 +285,9 @@ def _read_faults(top: Section, duration: float, period: float) -> tuple[Fault, .
         if time >= duration:
             section.refuse("time", f"is {time:g} s; expected less than the duration of the flight, {duration:g} s")
         try:
-            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias)
+            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias, airframe)
         except PlantError as error:
-            section.refuse(_first_word(error), _rest(error))
+            section.refuse(first_word(error), rest(error))
         last = round(duration / period) - 1
         if fault.sample(period) >= last:
             latest = f"{(last - 1) * period:g} s or less, that a sample of the flight may feel it"
@@ -234,30 +296,21 @@ def _read_faults(top: Section, duration: float, period: float) -> tuple[Fault, .
     try:
         check_faults(faults)
     except PlantError as error:
-        top.refuse(_first_word(error), _rest(error))
+        top.refuse(first_word(error), rest(error))
     return tuple(faults)
 
 
-def _first_word(error: PlantError) -> str:
-    """Return the key that a sentence of the plant begins with."""
-    return str(error).split(" ", 1)[0]
-
-
-def _rest(error: PlantError) -> str:
-    """Return the sentence without the key, as those of the file are."""
-    return "is " + str(error).split(" ", 1)[1].replace(": expected", "; expected", 1)
-
-
-def _read_watch(top: Section) -> Watch:
+def _read_watch(top: Section, effectors: tuple[str, ...]) -> Watch:
     expected = f"ROW/COLUMN such as P/ddt: one of {' '.join(ROWS)}, and a state or an effector"
-    text = top.text("watch", expected, "P/ddt")
+    default = ROLL_POWER if effectors == ROLL_POWER.effectors else Watch("Q", effectors[0], effectors)
+    text = top.text("watch", expected, str(default))
     row, _, column = text.partition("/")
-    if row not in ROWS or column not in (*STATES, *EFFECTORS):
-        top.refuse("watch", f"is {shown(text)}; expected {expected} ({' '.join((*STATES, *EFFECTORS))})")
-    return Watch(row, column)
+    if row not in ROWS or column not in (*STATES, *effectors):
+        top.refuse("watch", f"is {shown(text)}; expected {expected} ({' '.join((*STATES, *effectors))})")
+    return Watch(row, column, effectors)
 
 
-def _read_identifier(top: Section) -> tuple[str, dict[str, dict[str, Any]]]:
+def _read_identifier(top: Section, airframe: Airframe) -> tuple[str, dict[str, dict[str, Any]]]:
     section = top.section("identifier", IDENTIFIER)
     profile = section.text("profile", "a shipped profile or the path of a .yaml file")
     if Path(profile).suffix in (".yaml", ".yml"):
@@ -266,9 +319,11 @@ def _read_identifier(top: Section) -> tuple[str, dict[str, dict[str, Any]]]:
         base = read_profile(profile)
     except EstimationError as error:
         section.wrap("profile", error)
-    if base.states != STATES or base.effectors != EFFECTORS:
+    if base.states != STATES or base.effectors != airframe.effectors:
         names = " ".join((*base.states, *base.effectors))
-        section.refuse("profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *EFFECTORS))}")
+        section.refuse(
+            "profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *airframe.effectors))}"
+        )
     parameters = {}
     for level in section.section("parameters", NOISE_LEVELS, {}).values:
         changes = section.section("parameters").section(level)

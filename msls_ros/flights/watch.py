@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,21 +14,28 @@ ROWS = STATES[:6]
 """Equations with something to identify; those of the Euler angles are kinematics."""
 
 
-class Watch(NamedTuple):
+@dataclass(frozen=True)
+class Watch:
     """One entry of A or B: the equation of a state, and a state or an effector."""
 
     row: str
     column: str
+    effectors: tuple[str, ...] = EFFECTORS
+    """Of the aircraft."""
+
+    def __str__(self) -> str:
+        """Write it as a scenario has it: ``P/ddt``."""
+        return f"{self.row}/{self.column}"
 
     @property
     def in_b(self) -> bool:
         """Whether it is of B."""
-        return self.column in EFFECTORS
+        return self.column in self.effectors
 
     @property
     def place(self) -> tuple[int, int]:
         """Row and column in its matrix, from 0."""
-        return STATES.index(self.row), (EFFECTORS if self.in_b else STATES).index(self.column)
+        return STATES.index(self.row), (self.effectors if self.in_b else STATES).index(self.column)
 
     @property
     def symbol(self) -> str:
@@ -50,7 +58,7 @@ class Watch(NamedTuple):
         return f"{over}/{power}"
 
     def of(self, a: Any, b: Any) -> NDArray[np.float64]:
-        """Return the entry of matrices (..., 9, 9) and (..., 9, 7): (...)."""
+        """Return the entry of matrices (..., 9, 9) and (..., 9, m): (...)."""
         found: NDArray[np.float64] = np.asarray(b if self.in_b else a)[(..., *self.place)]
         return found
 

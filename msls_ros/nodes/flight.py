@@ -25,6 +25,7 @@ from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import RecorderNode
 from msls_ros.offline.replay import keep_parameters
+from msls_ros.plant import instrument_lines
 
 CONNECT_TIME_OUT = 30.0
 """Wall-clock wait for the nodes to find each other [s]."""
@@ -107,7 +108,7 @@ def fly(
 
         recorder: RecorderNode = add(RecorderNode, {"out": str(bag), "overwrite": overwrite})
         keep_parameters(bag, configuration)
-        pilot: PilotNode = add(PilotNode, {"condition": scenario.condition, "manoeuvre": scenario.manoeuvre})
+        pilot: PilotNode = add(PilotNode, _pilot_parameters(scenario))
         identifier: IdentifierNode = add(IdentifierNode, {**as_mapping(configuration), **LOCKSTEP})
         plant: PlantNode = add(PlantNode, _plant_parameters(scenario, noise, seed))
         nodes = [recorder, pilot, identifier, plant]
@@ -138,9 +139,21 @@ def domain() -> int:
     return int(given) if given.isdigit() else 1 + os.getpid() % 100
 
 
+def _pilot_parameters(scenario: Scenario) -> dict[str, Any]:
+    return {
+        "aircraft": scenario.aircraft.file,
+        "condition": scenario.condition,
+        "manoeuvre": scenario.manoeuvre,
+        "manoeuvre_scale": scenario.manoeuvre_scale,
+    }
+
+
 def _plant_parameters(scenario: Scenario, noise: str, seed: int) -> dict[str, Any]:
     return {
+        "aircraft": scenario.aircraft.file,
         "condition": scenario.condition,
+        "gusts": scenario.gusts,
+        "sensors": [] if scenario.instruments is None else instrument_lines(scenario.instruments),
         "noise": noise,
         "seed": seed,
         "duration": scenario.duration,

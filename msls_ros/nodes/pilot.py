@@ -11,15 +11,23 @@ from msls_msgs.msg import EffectorCommand, StateSample
 from rclpy.node import Node
 
 from msls_ros import messages
+from msls_ros.flights.aircraft_files import DEFAULT
+from msls_ros.flights.closed_loop import still_air
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.plant import chosen_condition
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
-from msls_ros.plant import CONDITIONS, EFFECTORS, MANOEUVRES, STATES, Aircraft, Pilot, RollDoublet
+from msls_ros.plant import STATES, RollDoublet, make_pilot, parse_manoeuvre
 
 PARAMETERS = {
-    "condition": fixed("high_alpha", "flight condition to hold", choices=CONDITIONS),
-    "manoeuvre": fixed("roll_doublet", "what to fly", choices=MANOEUVRES),
+    "aircraft": fixed(DEFAULT, "what is flown: a name of config/aircraft, or the path of your own .yaml"),
+    "condition": fixed("", "flight condition to hold; empty: the aircraft's first (high_alpha of the F-16/MATV)"),
+    "manoeuvre": fixed(
+        "roll_doublet",
+        "what to fly: roll_doublet, steady or strong; or segments of flight test, as in 'quiet 10; elevator_3211 8;'",
+    ),
+    "manoeuvre_scale": fixed(1.0, "multiplies the inputs of flight test", low=-10.0, high=10.0),
     "roll_rate": fixed(
         math.radians(6.0),
         "roll rate of the doublet; the default is the paper's two pounds of stick",
@@ -49,11 +57,12 @@ class PilotNode(Node):
         super().__init__(name, **options)
         p = declare_table(self, PARAMETERS)
         warn_of_unknown(self)
-        aircraft = Aircraft(CONDITIONS[p["condition"]])
-        manoeuvre = MANOEUVRES[p["manoeuvre"]]
+        condition = chosen_condition(p)
+        self._effectors = condition.airframe.effectors
+        manoeuvre = parse_manoeuvre(p["manoeuvre"], condition.airframe, p["manoeuvre_scale"])
         if isinstance(manoeuvre, RollDoublet):
             manoeuvre = RollDoublet(rate=p["roll_rate"])
-        self._pilot = Pilot(aircraft.trim, aircraft.truth(), manoeuvre)
+        self._pilot = make_pilot(*still_air(condition), manoeuvre)
         self._states = NamedVector("state", STATES)
         self._stamps = StampGate("state sample")
         self._refusals = Refusals(self)
@@ -76,7 +85,7 @@ class PilotNode(Node):
             self._refusals.take(refused)
             return
         delta = self._pilot.command(stamp * 1e-9, x)
-        self.command_publisher.publish(messages.command_message(stamp, EFFECTORS, delta))
+        self.command_publisher.publish(messages.command_message(stamp, self._effectors, delta))
         self._answered += 1
 
     def _health(self) -> Health:

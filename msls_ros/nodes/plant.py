@@ -1,4 +1,4 @@
-"""The plant node: the simulated F-16/MATV, in lockstep with those who answer its samples, or in real time."""
+"""The plant node: a simulated aircraft, in lockstep with those who answer its samples, or in real time."""
 
 from __future__ import annotations
 
@@ -17,28 +17,38 @@ from std_srvs.srv import Trigger
 
 from msls_ros import messages
 from msls_ros.estimation.mixer import Mixer, MixerLimits
+from msls_ros.flights.aircraft_files import DEFAULT, find_aircraft
+from msls_ros.flights.scenario_yaml import ScenarioError
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import INPUT, OUTPUT
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import (
-    CONDITIONS,
-    EFFECTORS,
     NOISE_LEVELS,
     STATES,
     TURBULENCE,
     Aircraft,
+    Airframe,
     Fault,
     FaultSchedule,
+    FlightCondition,
     PlantError,
-    Sensors,
     check_faults,
+    make_sensors,
+    parse_instruments,
 )
 
 PARAMETERS = {
-    "condition": fixed("high_alpha", "flight condition", choices=CONDITIONS),
+    "aircraft": fixed(DEFAULT, "what flies: a name of config/aircraft, or the path of your own .yaml"),
+    "condition": fixed("", "flight condition of the aircraft; empty: its first (high_alpha of the F-16/MATV)"),
     "noise": fixed("low", "sensor noise", choices=NOISE_LEVELS),
     "turbulence": fixed("none", "turbulence of the air (MIL-F-8785C)", choices=TURBULENCE),
+    "gusts": fixed(0.0, "rms of first-order gusts besides the turbulence", unit="m/s", low=0.0, high=30.0),
+    "sensors": fixed(
+        [],
+        "sensors as on real aircraft, one line each: 'suite=flight_test', 'delay=0.02', 'white.P=0.001'",
+        unit="",
+    ),
     "seed": fixed(0, "seed of sensor noise and turbulence", low=0, high=2**31 - 1),
     "mode": fixed(
         "lockstep",
@@ -92,7 +102,9 @@ class PlantNode(Node):
         self._p = declare_table(self, PARAMETERS)
         warn_of_unknown(self)
         self._lockstep = self._p["mode"] == "lockstep"
-        self._vectors = {"command": NamedVector("command", EFFECTORS), "dither": NamedVector("dither", EFFECTORS)}
+        self._condition = chosen_condition(self._p)
+        self._effectors = self._condition.airframe.effectors
+        self._vectors = {kind: NamedVector(kind, self._effectors) for kind in ("command", "dither")}
         self._refusals = Refusals(self)
         self.time_outs = 0
         """Samples that were not answered in time."""
@@ -104,7 +116,7 @@ class PlantNode(Node):
         """Done when the flight has lasted for ``duration``."""
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._running = False
-        self._faults = _read_faults(self._p["faults"])
+        self._faults = _read_faults(self._p["faults"], self._condition.airframe)
         self._build()
         self._make_topics()
         self._make_timers()
@@ -145,15 +157,18 @@ class PlantNode(Node):
         """Put a new aircraft at trim, time 0, with the sensors' noise from its beginning."""
         p = self._p
         self._aircraft = Aircraft(
-            CONDITIONS[p["condition"]], rate=p["fdm_rate"], turbulence=p["turbulence"], seed=p["seed"]
+            self._condition, rate=p["fdm_rate"], turbulence=p["turbulence"], seed=p["seed"], gusts=p["gusts"]
         )
-        self._sensors = Sensors(self._p["noise"], self._p["seed"])
+        instruments = parse_instruments(p["sensors"]) if p["sensors"] else None
+        self._sensors = make_sensors(instruments, p["noise"], p["seed"])
+        self._held = self._aircraft.trim.delta
+        self._index = -1
         self._answers: dict[str, Any] = {"command": None, "dither": None}
         self._arrived = {"command": 0, "dither": 0}
         self._stamps = {kind: StampGate(kind) for kind in self._answers}
         self._stamp = 0
         stale_after = math.inf if self._lockstep else p["stale_after"]
-        self._mixer = Mixer(len(EFFECTORS), MixerLimits(stale_after=stale_after))
+        self._mixer = Mixer(len(self._effectors), MixerLimits(stale_after=stale_after))
         self._schedule = FaultSchedule(self._faults, self.sample_period)
         self.samples = self.truths = 0
 
@@ -175,7 +190,11 @@ class PlantNode(Node):
                 self.start()
 
     def _publish(self) -> None:
-        """Publish the present sample; truth where it is due."""
+        """Publish the present sample; truth where it is due. A sample that is lost passes, and the next one with it."""
+        self._index += 1
+        while self._sensors.lost():
+            self._fly(self._held)
+            self._index += 1
         sample = self._aircraft.sample()
         measured = self._sensors.measure(sample)
         self._stamp = stamp = round(sample.time * 1e9)
@@ -185,14 +204,14 @@ class PlantNode(Node):
         if self._clock_publisher is not None:
             self._clock_publisher.publish(ClockMessage(clock=messages.time_message(stamp)))
         self.truth_state_publisher.publish(messages.state_message(stamp, STATES, sample.x, sample.xdot))
-        if self.samples % self._p["truth_every"] == 0 or self._schedule.turns(self.samples):
+        if self.samples % self._p["truth_every"] == 0 or self._schedule.turns(self._index):
             truth = self._aircraft.truth()
-            message = messages.truth_message(stamp, STATES, EFFECTORS, truth.a, truth.b, truth.bias)
+            message = messages.truth_message(stamp, STATES, self._effectors, truth.a, truth.b, truth.bias)
             self.truth_model_publisher.publish(message)
             self.truths += 1
         self.samples += 1
         self.state_publisher.publish(messages.state_message(stamp, STATES, measured.x, measured.xdot))
-        self.effector_publisher.publish(messages.effector_message(stamp, EFFECTORS, measured.delta))
+        self.effector_publisher.publish(messages.effector_message(stamp, self._effectors, measured.delta))
         duration = self._p["duration"]
         if duration > 0.0 and sample.time >= duration - 1e-9:
             self._running = False
@@ -242,15 +261,22 @@ class PlantNode(Node):
 
     def _step(self) -> None:
         """Fly to the next sample with what was answered; without a command at trim, without a dither with none."""
-        for text in self._schedule.strike(self.samples - 1, self._aircraft):
-            self.get_logger().info(f"at {self._aircraft.time:.3f} s: {text}")
         command, now = self._answers["command"], self._steady.now().nanoseconds * 1e-9
         if self._answers["dither"] is None:
             self._mixer.drop("no dither")
         total = self._aircraft.trim.delta if command is None else self._mixer.mix(now, command).command
-        for _ in range(self._p["steps_per_sample"]):
-            self._aircraft.step(total)
+        self._held = total
+        self._fly(total)
         self._publish()
+
+    def _fly(self, command: Any) -> None:
+        """Fly from this sample to the next with a command; what is due to break breaks now."""
+        for text in self._schedule.strike(self._index, self._aircraft):
+            self.get_logger().info(f"at {self._aircraft.time:.3f} s: {text}")
+        for _ in range(self._p["steps_per_sample"]):
+            if self._sensors.follows:
+                self._sensors.follow(self._aircraft.sample())
+            self._aircraft.step(command)
 
     def _watch(self) -> None:
         """Lockstep: go on at trim when the answers stay out, and say so."""
@@ -291,8 +317,9 @@ class PlantNode(Node):
     def _on_inject_fault(self, request: InjectFault.Request, response: InjectFault.Response) -> InjectFault.Response:
         try:
             now = self._aircraft.time
-            fault = Fault(request.effector, now, request.effectiveness, request.ramp, request.stuck, request.bias)
-            response.message = self._schedule.inject(fault, self.samples - 1, self._aircraft)
+            numbers = (request.effectiveness, request.ramp, request.stuck, request.bias)
+            fault = Fault(request.effector, now, *numbers, self._condition.airframe)
+            response.message = self._schedule.inject(fault, self._index, self._aircraft)
             response.success = True
             self.get_logger().info(f"at {now:.3f} s: {response.message}")
         except PlantError as error:
@@ -311,7 +338,27 @@ class PlantNode(Node):
         return response
 
 
-def _read_faults(lines: list[str]) -> tuple[Fault, ...]:
+def chosen_condition(parameters: dict[str, Any]) -> FlightCondition:
+    """Return what flies and where, of the parameters ``aircraft`` and ``condition``.
+
+    Raises
+    ------
+    NodeError
+        For an aircraft or a condition that does not exist, or a file that is wrong.
+    """
+    name = parameters["condition"]
+    try:
+        aircraft = find_aircraft(parameters["aircraft"])
+        if name and name not in aircraft.condition_names:
+            message = f"parameter 'condition' is {name!r}; it must be one of {', '.join(aircraft.condition_names)}"
+            raise NodeError(message)
+        return aircraft.condition(name)
+    except ScenarioError as error:
+        message = f"parameter 'aircraft' is {parameters['aircraft']!r}: {error}"
+        raise NodeError(message) from error
+
+
+def _read_faults(lines: list[str], airframe: Airframe) -> tuple[Fault, ...]:
     """Return the faults of the parameter ``faults``.
 
     Raises
@@ -320,7 +367,7 @@ def _read_faults(lines: list[str]) -> tuple[Fault, ...]:
         For a line that is none, or faults that do not go together.
     """
     try:
-        faults = tuple(Fault.parse(line) for line in lines)
+        faults = tuple(Fault.parse(line, airframe) for line in lines)
         check_faults(faults)
     except PlantError as error:
         message = f"parameter 'faults' is {lines!r}: {error}"

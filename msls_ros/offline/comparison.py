@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -10,16 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
+from msls_ros.flights.aircraft_files import DEFAULT, find_aircraft
 from msls_ros.flights.comparison import Comparison, realised_acceleration
 from msls_ros.flights.judging import PEERS
 from msls_ros.flights.watch import Watch
 from msls_ros.offline.replay import Flight, identify, load, paired
-from msls_ros.plant import EFFECTORS, STATES
+from msls_ros.plant import F16_MATV, STATES, Airframe
 
 Array = NDArray[np.float64]
 
 
-def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comparison:
+def compare(bag: str | Path, configuration: Configuration, watch: Watch, airframe: Airframe = F16_MATV) -> Comparison:
     """Read a recorded flight of the demo and identify it again with the peers.
 
     Parameters
@@ -30,6 +32,8 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
         Of the identifier that flew.
     watch
         The parameter to compare.
+    airframe
+        What flew.
     """
     flight = load(bag)
     samples, _ = paired(bag, configuration)
@@ -56,7 +60,7 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
         dither_rms=np.array([m.rms for m in dither]),
         predicted=np.array([m.predicted_acceleration for m in dither]),
         limit=np.array([m.acceleration_limit for m in dither]),
-        realised=realised_acceleration(samples.time, commands, truth_b),
+        realised=realised_acceleration(samples.time, commands, truth_b, airframe),
         boosted=np.array([m.level == m.LEVEL_BOOSTED for m in dither]),
         events=[
             (t * 1e-9, ("", "detected", "isolated", "recovered")[m.kind], tuple(m.equations))
@@ -65,18 +69,27 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch) -> Comp
     )
 
 
+def airframe_of(bag: str | Path) -> Airframe:
+    """Return what flew, from the summary that the demo leaves beside the bag; where there is none, the F-16/MATV."""
+    try:
+        summary = json.loads((Path(bag).resolve().parent / "summary.json").read_text(encoding="utf-8"))
+        return find_aircraft(str(summary.get("aircraft", DEFAULT))).airframe
+    except (OSError, ValueError, AttributeError):
+        return F16_MATV
+
+
 def _published(models: Sequence[tuple[int, Any]], watch: Watch, of: str = "") -> Array:
     """Return a parameter, or what is said ``of`` it, as the models have it (n,)."""
     row, column = watch.place
-    matrix, width = ("b", len(EFFECTORS)) if watch.in_b else ("a", len(STATES))
+    matrix, width = ("b", len(watch.effectors)) if watch.in_b else ("a", len(STATES))
     return np.array([getattr(m, matrix + of)[row * width + column] for _, m in models], dtype=np.float64)
 
 
 def _hold_truth(flight: Flight, time: Array) -> tuple[Array, Array]:
-    """Return the true A (n, 9, 9) and B (n, 9, 7) at each sample: linear between the published ones."""
+    """Return the true A (n, 9, 9) and B (n, 9, m) at each sample: linear between the published ones."""
     published = flight.topic("truth/model")
     at = np.array([t * 1e-9 for t, _ in published])
     flat = np.array([np.concatenate((m.a, m.b)) for _, m in published])
     columns = np.stack([np.interp(time, at, column) for column in flat.T], axis=1)
     a, b = np.split(columns, [len(STATES) ** 2], axis=1)
-    return a.reshape(-1, len(STATES), len(STATES)), b.reshape(-1, len(STATES), len(EFFECTORS))
+    return a.reshape(-1, len(STATES), len(STATES)), b.reshape(len(b), len(STATES), -1)

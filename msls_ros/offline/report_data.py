@@ -264,7 +264,7 @@ class _Gathering:
             level=np.clip(np.array([int(d.level) for _, d in same], dtype=np.int64), 0, 3),
             reasons=dict(Counter(str(d.reason) for _, d in same).most_common()),
         )
-        return replace(dither, realised=_realised(dither, truth, models))
+        return replace(dither, realised=_realised(dither, truth, models, self.bag))
 
     def _event(self, stamp: int, e: Any) -> Event:
         return Event(
@@ -357,18 +357,21 @@ def _text(value: Any) -> str:
     return f"{value:g}" if isinstance(value, float) else str(value)
 
 
-def _realised(dither: Dither, truth: Truth | None, models: Models | None) -> Array | None:
+def _realised(dither: Dither, truth: Truth | None, models: Models | None, bag: Path) -> Array | None:
     """Return the rms over 1 s of the acceleration by the dither alone, where the aircraft is our plant."""
     if truth is None or models is None or len(dither.time) < 3:
         return None
     from msls_ros.flights.comparison import realised_acceleration
-    from msls_ros.plant import EFFECTORS, STATES
+    from msls_ros.offline.comparison import airframe_of
+    from msls_ros.plant import STATES
 
-    if models.states != tuple(STATES) or models.effectors != tuple(EFFECTORS) or dither.effectors != tuple(EFFECTORS):
+    airframe = airframe_of(bag)
+    effectors = airframe.effectors
+    if models.states != tuple(STATES) or models.effectors != effectors or dither.effectors != effectors:
         return None
     flat = truth.b.reshape(len(truth.b), -1)
     held = np.stack([np.interp(dither.time, truth.time, column) for column in flat.T], axis=1)
-    acceleration = realised_acceleration(dither.time, dither.delta, held.reshape(-1, *truth.b.shape[1:]))
+    acceleration = realised_acceleration(dither.time, dither.delta, held.reshape(-1, *truth.b.shape[1:]), airframe)
     step = float(np.median(np.diff(dither.time)))
     width = int(np.clip(round(1.0 / step) if step > 0.0 else 1, 1, len(dither.time)))
     square = np.convolve(np.square(acceleration).sum(axis=1), np.ones(width) / width, mode="same")

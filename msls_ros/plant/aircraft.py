@@ -11,21 +11,16 @@ import numpy.typing as npt
 
 from msls_ros.plant.conditions import FlightCondition
 from msls_ros.plant.faults import check_damage
-from msls_ros.plant.interface import (
-    EFFECTORS,
-    EFFECTORS_FROM_SURFACES,
-    SURFACES,
-    TURBULENCE,
-    LinearTruth,
-    PlantError,
-    Sample,
-)
-from msls_ros.plant.model import Model, Surroundings
+from msls_ros.plant.interface import TURBULENCE, LinearTruth, PlantError, Sample
+from msls_ros.plant.model import Surroundings
+from msls_ros.plant.stock import make_model
 from msls_ros.plant.trim import find_trim
 from msls_ros.plant.truth import Twin
 
 _PSI = 8
-_SHARES = np.linalg.inv(EFFECTORS_FROM_SURFACES)
+_STREAM = 0x6057
+GUST_LENGTH = 150.0
+"""Scale of the gusts [m]."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +40,34 @@ class _Ramp:
         return effectiveness, bias
 
 
+class Gusts:
+    """First-order lateral and vertical gusts.
+
+    Parameters
+    ----------
+    rms : float
+        Of each [m/s].
+    way : float
+        Flown in one step [m].
+    seed : int
+        From 0.
+    """
+
+    def __init__(self, rms: float, way: float, seed: int) -> None:
+        self._rms, self._decay = rms, math.exp(-way / GUST_LENGTH)
+        self._random = np.random.default_rng([_STREAM, seed])
+        self._now = np.zeros(2)
+
+    def step(self) -> tuple[float, float, float]:
+        """Return the gust to the north, to the east and down of the next step [m/s]."""
+        fresh = self._random.standard_normal(2) * self._rms
+        self._now = self._decay * self._now + math.sqrt(1.0 - self._decay**2) * fresh
+        down, east = self._now.tolist()
+        return 0.0, east, down
+
+
 class Aircraft:
-    """An F-16/MATV in flight, starting in trim at time 0. The same calls give the same bits.
+    """An aircraft in flight, starting in trim at time 0. The same calls give the same bits.
 
     Parameters
     ----------
@@ -61,6 +82,8 @@ class Aircraft:
     velocities : str
         What `u`, `v`, `w` of a sample are in turbulence: of the aircraft in the "air", as air data give them, or
         "inertial". In still air they are the same.
+    gusts : float
+        Rms of vertical and of lateral gusts with a length of 150 m [m/s], first-order, whatever the height.
 
     Raises
     ------
@@ -87,6 +110,7 @@ class Aircraft:
         turbulence: str = "none",
         seed: int = 0,
         velocities: str = "air",
+        gusts: float = 0.0,
     ) -> None:
         if isinstance(rate, bool) or not isinstance(rate, int) or not 50 <= rate <= 1000:
             message = f"rate {rate!r}: expected a whole number of steps per second from 50 to 1000"
@@ -100,13 +124,18 @@ class Aircraft:
         if velocities not in ("air", "inertial"):
             message = f"velocities {velocities!r}: expected air or inertial"
             raise PlantError(message)
+        if not (isinstance(gusts, (int, float)) and 0.0 <= gusts <= 30.0):
+            message = f"gusts {gusts!r} m/s: expected a number from 0 to 30"
+            raise PlantError(message)
         self.trim = find_trim(condition)
         self.rate = rate
         self._steps = 0
-        self._air_data = velocities == "air" and TURBULENCE[turbulence] > 0
-        self._model = Model(condition, rate)
-        self._model.surround(Surroundings(self.trim.place, self.trim.throttle, (1.0,) * 7, (0.0,) * 7))
-        self._model.put(self.trim.x.tolist(), self.trim.delta.tolist())
+        self._air_data = velocities == "air" and (TURBULENCE[turbulence] > 0 or gusts > 0.0)
+        self._gusts = Gusts(gusts, self.trim.airspeed / rate, seed) if gusts else None
+        self.airframe = condition.airframe
+        self._effectors_from_surfaces = self.airframe.effectors_from_surfaces
+        self._model = make_model(condition, rate)
+        self._model.begin(self.trim.x, self.trim.delta, self.trim.throttle, self.trim.place)
         if TURBULENCE[turbulence]:
             self._model.stir(TURBULENCE[turbulence], seed)
         self._psi = float(self.trim.x[_PSI])
@@ -123,24 +152,28 @@ class Aircraft:
 
         Parameters
         ----------
-        command : array_like, shape (7,)
-            Commanded deflections in the order of `EFFECTORS` [rad]; the surfaces' limits apply.
+        command : array_like, shape (m,)
+            Commanded deflections in the order of the airframe's effectors [rad]; the surfaces' limits apply.
 
         Raises
         ------
         PlantError
-            If the command is not seven finite numbers; the flight is then untouched. If the flight has diverged.
+            If the command is not a finite number of each effector; the flight is then untouched. If the flight has
+            diverged.
         """
-        self._model.command(_checked(command))
+        self._model.command(_checked(command, self.airframe.effectors))
         if self._ramps:
             self._advance_ramps((self._steps + 1) / self.rate)
+        if self._gusts is not None:
+            self._model.blow(self._gusts.step())
         self._model.run()
         self._steps += 1
         psi = self._model.heading()
         turn = 2.0 * math.pi
         self._psi += (psi - self._psi + math.pi) % turn - math.pi
         if not math.isfinite(self._psi):
-            message = f"the flight diverged at {self.time:.3f} s: its states are no longer numbers"
+            cause = f"is {self.rate} steps per second too slow for {self.airframe.name}, or the flight lost?"
+            message = f"the flight diverged at {self.time:.3f} s: its states are no longer numbers; {cause}"
             raise PlantError(message)
 
     def sample(self) -> Sample:
@@ -154,7 +187,7 @@ class Aircraft:
             u, v, w = (x[:3] - air).tolist()
             xdot[:3] += (q * w - r * v, r * u - p * w, p * v - q * u)
             x[:3] = air
-        delta = EFFECTORS_FROM_SURFACES.dot(self._model.positions())
+        delta = self._effectors_from_surfaces.dot(self._model.positions())
         return Sample(self.time, x, xdot, delta)
 
     def air_relative(self) -> npt.NDArray[np.float64]:
@@ -175,7 +208,7 @@ class Aircraft:
         Parameters
         ----------
         surface_or_effector : str
-            A name of `SURFACES` or `EFFECTORS`.
+            A surface or an effector of the airframe.
         effectiveness : float
             What is left of the effect of its deflection: 1 intact, 0 lost.
         bias : float
@@ -195,12 +228,13 @@ class Aircraft:
         PlantError
             If the name is unknown or a number is out of range; nothing is then damaged.
         """
-        names = check_damage(surface_or_effector, effectiveness, bias, ramp, stuck)
+        airframe = self.airframe
+        names = check_damage(airframe, surface_or_effector, effectiveness, bias, ramp, stuck)
         for name in names:
-            surface = SURFACES.index(name)
+            surface = airframe.surface_names.index(name)
             share = 1.0
-            if surface_or_effector in EFFECTORS:
-                share = float(_SHARES[surface, EFFECTORS.index(surface_or_effector)])
+            if surface_or_effector in airframe.effectors:
+                share = airframe.mixing[surface][airframe.effectors.index(surface_or_effector)]
             after = (float(effectiveness), share * float(bias))
             self._model.set_stuck(surface, stuck)
             self._ramps.pop(surface, None)
@@ -239,18 +273,19 @@ class Aircraft:
         return self._twin
 
 
-def _checked(command: npt.ArrayLike) -> Sequence[float]:
+def _checked(command: npt.ArrayLike, effectors: Sequence[str]) -> Sequence[float]:
+    m = len(effectors)
     try:
         values = np.asarray(command, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        message = f"a command of {command!r}: expected {len(EFFECTORS)} numbers"
+        message = f"a command of {command!r}: expected {m} numbers"
         raise PlantError(message) from error
-    if values.shape != (len(EFFECTORS),):
-        message = f"a command of shape {values.shape}: expected ({len(EFFECTORS)},) for {' '.join(EFFECTORS)}"
+    if values.shape != (m,):
+        message = f"a command of shape {values.shape}: expected ({m},) for {' '.join(effectors)}"
         raise PlantError(message)
     numbers: list[float] = values.tolist()
     if not all(map(math.isfinite, numbers)):
-        bad = next(name for name, value in zip(EFFECTORS, numbers, strict=True) if not math.isfinite(value))
-        message = f"the command for {bad} is not a finite number: expected {len(EFFECTORS)} finite numbers [rad]"
+        bad = next(name for name, value in zip(effectors, numbers, strict=True) if not math.isfinite(value))
+        message = f"the command for {bad} is not a finite number: expected {m} finite numbers [rad]"
         raise PlantError(message)
     return numbers

@@ -20,6 +20,7 @@ weight stay. The fuel does not burn down, the throttle does not move, and there 
 
 from __future__ import annotations
 
+import math
 import os
 import tempfile
 import xml.etree.ElementTree as ET
@@ -28,11 +29,21 @@ from importlib import resources
 from pathlib import Path
 
 import jsbsim
+import numpy as np
 
-from msls_ros.plant.interface import EFFECTORS, SURFACES, SURFACES_OF, Actuator, PlantError
+from msls_ros.plant.definition import OWN_MODEL, Airframe, Surface
+from msls_ros.plant.interface import (
+    EFFECTORS,
+    EFFECTORS_FROM_SURFACES,
+    PILOT_STATION,
+    SURFACES,
+    SURFACES_OF,
+    Actuator,
+    PlantError,
+)
 
 Node = jsbsim.FGPropertyNode
-NAME = "f16_matv"
+NAME = OWN_MODEL
 _DROPPED = ("system", "external_reactions", "flight_control", "ground_reactions", "output", "fileheader")
 _KILOGRAM_LB = 1.0 / 0.45359237
 
@@ -91,7 +102,7 @@ def _merge_differential_tail(aerodynamics: ET.Element) -> None:
         _required(axes.get(axis.get("name")), f"{axis.get('name')} axis").extend(list(axis))
 
 
-def _turn_air(aerodynamics: ET.Element) -> None:
+def turn_air(aerodynamics: ET.Element) -> None:
     """Let the aerodynamics feel the rates less a rotation of the air that can be set: JSBSim's own cannot."""
     for axis in ("p", "q", "r"):
         rate, felt = f"velocities/{axis}-aero-rad_sec", f"aero/{axis}-felt-rad_sec"
@@ -130,7 +141,7 @@ def _aircraft_xml(ballast: float) -> str:
         _required(aerodynamics.find(".//function[@name='aero/coefficient/CLDh']/product/table"), "stabilator lift")
     )
     _merge_differential_tail(aerodynamics)
-    _turn_air(aerodynamics)
+    turn_air(aerodynamics)
     position = list(root).index(aerodynamics)
     root.insert(position, ET.Element("flight_control", file="controls"))
     propulsion = _required(root.find("propulsion"), "propulsion")
@@ -163,6 +174,22 @@ SURFACE_ACTUATORS: dict[str, Actuator] = {surface: _surface_actuator(_CONTROLS, 
 
 ACTUATORS: tuple[Actuator, ...] = tuple(SURFACE_ACTUATORS[SURFACES_OF[effector][0]] for effector in EFFECTORS)
 """The actuators' limits by effector, in the order of `EFFECTORS`."""
+
+
+F16_MATV = Airframe(
+    name=NAME,
+    model=OWN_MODEL,
+    folder="",
+    surfaces=tuple(Surface(name, SURFACE_ACTUATORS[name]) for name in SURFACES),
+    effectors=EFFECTORS,
+    mixing=tuple(map(tuple, (np.linalg.inv(EFFECTORS_FROM_SURFACES) + 0.0).tolist())),
+    axes=("de", "ddt", "dr"),
+    amplitudes=(math.radians(2.0), math.radians(3.0), math.radians(4.0)),
+    pulse=0.5,
+    station=PILOT_STATION,
+    pilot=None,
+)
+"""The aircraft that this module derives, as ``config/aircraft/f16_matv.yaml`` has it."""
 
 
 def load(ballast: float, rate: int, *, ideal: bool = False) -> jsbsim.FGFDMExec:

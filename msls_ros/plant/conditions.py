@@ -7,6 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from msls_ros.plant.airframe import F16_MATV
+from msls_ros.plant.definition import Airframe
+
 _POUND = 0.45359237
 _FOOT = 0.3048
 
@@ -21,8 +24,8 @@ class FlightCondition:
         How it is called.
     altitude : float
         Above sea level [m].
-    mach : float
-        Mach number.
+    mach : float or None
+        Mach number; None: the airspeed is given.
     alpha : float or None
         Angle of attack [rad]; the flight path then follows from the trim. None: level flight, alpha follows.
     ballast : float
@@ -31,15 +34,27 @@ class FlightCondition:
         Fixed deflection [rad]; the bundled aircraft switches it on and off.
     description : str
         One sentence for people.
+    airframe : Airframe
+        What flies there.
+    airspeed : float or None
+        Calibrated airspeed [m/s], instead of the Mach number.
+    gamma : float
+        Climb angle [rad]; the F-16/MATV's follows from its trim.
+    properties : tuple of (str, float)
+        JSBSim properties set before the trim: flaps, gear, mixture.
     """
 
     name: str
     altitude: float
-    mach: float
+    mach: float | None
     alpha: float | None
     ballast: float
     leading_edge_flap: float
     description: str
+    airframe: Airframe = F16_MATV
+    airspeed: float | None = None
+    gamma: float = 0.0
+    properties: tuple[tuple[str, float], ...] = ()
 
 
 CONDITIONS: Mapping[str, FlightCondition] = MappingProxyType(

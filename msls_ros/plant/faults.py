@@ -7,14 +7,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 
-from msls_ros.plant.airframe import SURFACE_ACTUATORS
-from msls_ros.plant.interface import EFFECTORS, SURFACES, SURFACES_OF, PlantError
+from msls_ros.plant.airframe import F16_MATV
+from msls_ros.plant.definition import Airframe
+from msls_ros.plant.interface import PlantError
 
 LONGEST_RAMP = 3600.0
 """[s]"""
@@ -31,7 +32,7 @@ class Fault:
     Attributes
     ----------
     effector : str
-        A name of `SURFACES` or of `EFFECTORS` (all of its surfaces).
+        A surface, or an effector (all of its surfaces).
     time : float
         When [s], not negative.
     effectiveness : float
@@ -42,6 +43,8 @@ class Fault:
         The actuator stays where it is.
     bias : float
         Deflection that the fault adds to what the air feels [rad]; for an effector, of the effector.
+    airframe : Airframe
+        What has these surfaces and effectors.
 
     Raises
     ------
@@ -55,10 +58,11 @@ class Fault:
     ramp: float = 0.0
     stuck: bool = False
     bias: float = 0.0
+    airframe: Airframe = field(default=F16_MATV, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse what cannot break."""
-        check_damage(self.effector, self.effectiveness, self.bias, self.ramp, self.stuck)
+        check_damage(self.airframe, self.effector, self.effectiveness, self.bias, self.ramp, self.stuck)
         if not (_is_number(self.time) and 0.0 <= self.time <= LATEST):
             message = f"time {self.time!r} s: expected a number from 0 to {LATEST:g}"
             raise PlantError(message)
@@ -66,20 +70,22 @@ class Fault:
     @property
     def surfaces(self) -> tuple[str, ...]:
         """What it damages."""
-        return SURFACES_OF.get(self.effector, (self.effector,))
+        return self.airframe.surfaces_of.get(self.effector, (self.effector,))
 
     def sample(self, period: float) -> int:
         """Return the number of the sample after which it strikes, samples being a period [s] apart."""
         return max(0, math.ceil((self.time - _TICK) / period))
 
     @classmethod
-    def parse(cls, text: str) -> Fault:
+    def parse(cls, text: str, airframe: Airframe = F16_MATV) -> Fault:
         """Read a fault from one line: ``left_stabilator time=4.0 effectiveness=0.5 ramp=5.0 stuck=true bias=0.01``.
 
         Parameters
         ----------
         text
             The effector, then ``time`` and ``effectiveness``, and where wanted ``ramp``, ``stuck`` and ``bias``.
+        airframe
+            What has that effector.
 
         Raises
         ------
@@ -87,7 +93,7 @@ class Fault:
             For a line that is none.
         """
         effector, _, rest = text.strip().partition(" ")
-        names = [field.name for field in fields(cls)][1:]
+        names = [one.name for one in fields(cls)][1:-1]
         values: dict[str, float | bool] = {}
         for word in rest.split():
             name, _, value = word.partition("=")
@@ -100,7 +106,7 @@ class Fault:
             if name not in values:
                 message = f"the fault '{text}' has no {name}; expected {_FORM}"
                 raise PlantError(message)
-        return cls(effector, **values)  # type: ignore[arg-type]
+        return cls(effector, **values, airframe=airframe)  # type: ignore[arg-type]
 
     def __str__(self) -> str:
         """Write the line that `parse` reads."""
@@ -171,7 +177,9 @@ def _strike(fault: Fault, aircraft: Damageable) -> str:
     return aircraft.damage(fault.effector, fault.effectiveness, fault.bias, ramp=fault.ramp, stuck=fault.stuck)
 
 
-def check_damage(effector: str, effectiveness: float, bias: float, ramp: float, stuck: bool) -> tuple[str, ...]:
+def check_damage(
+    airframe: Airframe, effector: str, effectiveness: float, bias: float, ramp: float, stuck: bool
+) -> tuple[str, ...]:
     """Return the surfaces of a damage.
 
     Raises
@@ -179,14 +187,15 @@ def check_damage(effector: str, effectiveness: float, bias: float, ramp: float, 
     PlantError
         For an unknown name or a number out of range; the sentence begins with what is wrong.
     """
-    if effector not in (*SURFACES, *EFFECTORS):
-        message = f"effector {effector!r}: expected one of {', '.join((*SURFACES, *EFFECTORS))}"
+    known = (*airframe.surface_names, *airframe.effectors)
+    if effector not in known:
+        message = f"effector {effector!r}: expected one of {', '.join(dict.fromkeys(known))}"
         raise PlantError(message)
-    names = SURFACES_OF.get(effector, (effector,))
+    names = airframe.surfaces_of.get(effector, (effector,))
     if not (_is_number(effectiveness) and 0.0 <= effectiveness <= 1.0):
         message = f"effectiveness {effectiveness!r}: expected a number from 0 (lost) to 1 (intact)"
         raise PlantError(message)
-    limit = SURFACE_ACTUATORS[names[0]].high
+    limit = airframe.surface(names[0]).actuator.high
     if not (_is_number(bias) and abs(bias) <= limit):
         message = f"bias {bias!r} rad: expected a number within +-{limit:.3f} rad"
         raise PlantError(message)

@@ -6,11 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import jsbsim
 import numpy as np
 
 from msls_ros.plant import airframe
 from msls_ros.plant.conditions import FlightCondition
-from msls_ros.plant.interface import EFFECTORS, SURFACES, Array, PlantError
+from msls_ros.plant.interface import Array, PlantError
 
 FOOT = 0.3048
 _X = (
@@ -77,6 +78,11 @@ class Surroundings:
         Speed of the air to the north, to the east, down [ft/s].
     wind_rates : tuple of float
         Rotation of the air about the body axes [rad/s].
+    held : tuple of float
+        Of a derived aircraft: what its aerodynamics read of its flight controls besides the surfaces.
+    levers, rpm, pressures : tuple of float
+        Of a derived aircraft: throttles, mixtures, propeller levers [1], propeller speed [rev/min], manifold pressure
+        of piston engines [Pa].
     """
 
     place: tuple[float, ...]
@@ -85,10 +91,14 @@ class Surroundings:
     bias: tuple[float, ...]
     wind: tuple[float, ...] = (0.0, 0.0, 0.0)
     wind_rates: tuple[float, ...] = (0.0, 0.0, 0.0)
+    held: tuple[float, ...] = ()
+    levers: tuple[float, ...] = ()
+    rpm: tuple[float, ...] = ()
+    pressures: tuple[float, ...] = ()
 
 
 class Model:
-    """A flight dynamics model of the F-16/MATV at one loading.
+    """A flight dynamics model of the F-16/MATV at one loading; `stock.StockModel` is one of any other aircraft.
 
     Parameters
     ----------
@@ -101,15 +111,17 @@ class Model:
     """
 
     def __init__(self, condition: FlightCondition, rate: int, *, ideal: bool = False) -> None:
-        self._fdm = airframe.load(condition.ballast, rate, ideal=ideal)
+        self._condition, self._ideal = condition, ideal
+        self._fdm = self._load(rate)
         self._manager = self._fdm.get_property_manager()
         self._x = self._nodes(_X)
         self._xdot = self._nodes(_XDOT)
-        self._positions = self._nodes([f"surfaces/{name}-pos-rad" for name in SURFACES])
-        self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in EFFECTORS])
-        self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in SURFACES])
-        self._bias = self._nodes([f"damage/{name}-bias-rad" for name in SURFACES])
-        self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in SURFACES])
+        surfaces, effectors = condition.airframe.surface_names, condition.airframe.effectors
+        self._positions = self._nodes([f"surfaces/{name}-pos-rad" for name in surfaces])
+        self._commands = self._nodes([f"fcs/{name}-cmd-rad" for name in effectors])
+        self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in surfaces])
+        self._bias = self._nodes([f"damage/{name}-bias-rad" for name in surfaces])
+        self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in surfaces])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
         self._place = self._nodes(_PLACE)
         self._wind = self._nodes(_TURBULENCE)
@@ -118,8 +130,12 @@ class Model:
         self._set_wind = self._nodes((*_GUST, *_SET_GUST_RATES))
         self._ic_place = self._nodes(_IC_PLACE)
         self._ic_state = self._nodes((*_IC_ATTITUDE, *_IC_VELOCITY, *_IC_RATES))
+        self._blown: tuple[float, ...] = (0.0, 0.0, 0.0)
         self.run = self._fdm.run
         self._start(condition)
+
+    def _load(self, rate: int) -> jsbsim.FGFDMExec:
+        return airframe.load(self._condition.ballast, rate, ideal=self._ideal)
 
     def _nodes(self, paths: Sequence[str]) -> tuple[airframe.Node, ...]:
         return tuple(self._node(path) for path in paths)
@@ -127,7 +143,7 @@ class Model:
     def _node(self, path: str) -> airframe.Node:
         node = self._manager.get_node(path)
         if node is None:
-            message = f"JSBSim has no property {path}: expected the F-16 and JSBSim 1.3"
+            message = f"JSBSim has no property {path}: expected JSBSim 1.3 and the aircraft's own properties"
             raise PlantError(message)
         return node
 
@@ -159,6 +175,12 @@ class Model:
         self._fdm.set_property_value("atmosphere/turb-type", _TUSTIN)
         self._fdm.set_property_value("atmosphere/turbulence/milspec/severity", severity)
 
+    def blow(self, wind: Sequence[float]) -> None:
+        """Set the speed of the air to the north, to the east, down [m/s], besides the turbulence."""
+        self._blown = tuple(value / FOOT for value in wind)
+        for node, value in zip(self._set_wind, self._blown, strict=False):
+            node.set_double_value(value)
+
     def speed_of_sound(self) -> float:
         """Speed of sound where the model is [m/s]."""
         return float(self._fdm.get_property_value("atmosphere/a-fps")) * FOOT
@@ -170,7 +192,7 @@ class Model:
             throttle=self._throttle[0].get_double_value(),
             effectiveness=tuple(node.get_double_value() for node in self._effectiveness),
             bias=tuple(node.get_double_value() for node in self._bias),
-            wind=tuple(node.get_double_value() for node in self._wind),
+            wind=tuple(node.get_double_value() + add for node, add in zip(self._wind, self._blown, strict=True)),
             wind_rates=tuple(node.get_double_value() for node in self._wind_rates),
         )
 
@@ -187,7 +209,7 @@ class Model:
                 node.set_double_value(value)
 
     def put(self, x: Sequence[float], delta: Sequence[float]) -> None:
-        """Set states (9,) [m/s, rad/s, rad] and effector commands (7,) [rad], and compute the forces there.
+        """Set states (9,) [m/s, rad/s, rad] and effector commands (m,) [rad], and compute the forces there.
 
         The actuators are where they are told to be: JSBSim lets them pass their commands while it trims.
         """
@@ -204,9 +226,18 @@ class Model:
         self._initialise()
         self._fdm.set_trim_status(False)
 
+    def begin(self, x: Array, delta: Array, throttle: float, place: tuple[float, float]) -> None:
+        """Stand in the trim, ready to fly: states, deflections, throttle and place of a `Trim`."""
+        m = len(self._positions)
+        self.surround(Surroundings(place, throttle, (1.0,) * m, (0.0,) * m))
+        self.put(x.tolist(), delta.tolist())
+
     def respond(self, delta: Sequence[float]) -> None:
-        """Compute the forces with other effector commands (7,) [rad] where the last `put` was, at half its price."""
+        """Compute the forces with other effector commands (m,) [rad] where the last `put` was, at half its price."""
         self.command(delta)
+        self._again()
+
+    def _again(self) -> None:
         self._fdm.set_trim_status(True)
         self._fdm.suspend_integration()
         self.run()
@@ -214,7 +245,7 @@ class Model:
         self._fdm.set_trim_status(False)
 
     def command(self, delta: Sequence[float]) -> None:
-        """Set the effector commands (7,) [rad]."""
+        """Set the effector commands (m,) [rad]."""
         for node, value in zip(self._commands, delta, strict=True):
             node.set_double_value(value)
 
@@ -236,13 +267,21 @@ class Model:
         """Time derivatives of the states (9,) in units of the model; times `SI` they are `derivative`."""
         return [node.get_double_value() for node in self._xdot]
 
+    def velocity(self) -> Array:
+        """Velocity against the air (3,) [m/s]."""
+        return self.air_relative()[:3]
+
+    def consistent(self, readings: Array, _velocities: Array) -> Array:
+        """Return derivatives that agree with the rates of incidence: here nothing reads these."""
+        return readings
+
     def air_relative(self) -> Array:
         """Body velocities and rates relative to the air (6,) [m/s, rad/s]."""
         values: Array = np.array([node.get_double_value() for node in self._air_relative]) * SI[:6]
         return values
 
     def positions(self) -> Array:
-        """Positions of the surfaces (7,) in the order of `SURFACES` [rad]."""
+        """Positions of the surfaces (n,) [rad]."""
         return np.array([node.get_double_value() for node in self._positions])
 
     def damage_of(self, surface: int) -> tuple[float, float]:

@@ -46,11 +46,11 @@ class NoiseLevel:
     angular_acceleration: float
     deflection: float
 
-    def sigma(self) -> Array:
-        """Return the standard deviations of x, xdot and delta, one after the other (25,)."""
+    def sigma(self, effectors: int = len(EFFECTORS)) -> Array:
+        """Return the standard deviations of x, xdot and of so many deflections, one after the other (18 + m,)."""
         x = [self.velocity] * 3 + [self.rate] * 3 + [self.attitude] * 3
         xdot = [self.acceleration] * 3 + [self.angular_acceleration] * 3 + [self.rate] * 3
-        return np.array(x + xdot + [self.deflection] * len(EFFECTORS))
+        return np.array(x + xdot + [self.deflection] * effectors)
 
 
 NOISE_LEVELS: Mapping[str, NoiseLevel] = MappingProxyType(
@@ -100,7 +100,8 @@ class Sensors:
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             message = f"seed {seed!r}: expected a whole number of at least 0"
             raise PlantError(message)
-        self._sigma = NOISE_LEVELS[level].sigma()
+        self._level = NOISE_LEVELS[level]
+        self._sigma = self._level.sigma()
         self._silent = not self._sigma.any()
         self._random = np.random.default_rng([_STREAM, seed])
 
@@ -108,6 +109,8 @@ class Sensors:
         """Return the sample as measured: each value with fresh noise."""
         if self._silent:
             return sample
+        if sample.x.size * 2 + sample.delta.size != self._sigma.size:
+            self._sigma = self._level.sigma(sample.delta.size)
         noise = self._random.standard_normal(self._sigma.size) * self._sigma
         n = len(STATES)
         return Sample(sample.time, sample.x + noise[:n], sample.xdot + noise[n : 2 * n], sample.delta + noise[2 * n :])

@@ -11,8 +11,10 @@ import numpy as np
 
 from msls_ros.plant.airframe import ACTUATORS
 from msls_ros.plant.conditions import FlightCondition
+from msls_ros.plant.definition import OWN_MODEL
 from msls_ros.plant.interface import Array, PlantError
 from msls_ros.plant.model import FOOT, Model, Surroundings
+from msls_ros.plant.stock import StockModel
 
 NOZZLE_SHARE = 0.5
 """Thrust-vector pitch per symmetric-tail deflection in trim [1]."""
@@ -129,8 +131,10 @@ def find_trim(condition: FlightCondition) -> Trim:
         If the aircraft cannot fly steadily there.
     """
     _check(condition)
+    if condition.airframe.model != OWN_MODEL:
+        return _found_by_jsbsim(condition)
     model = Model(condition, 100, ideal=True)
-    speed = condition.mach * model.speed_of_sound()
+    speed = (condition.mach or math.nan) * model.speed_of_sound()
     place = (condition.altitude / FOOT, 0.0)
 
     def unpack(z: Array) -> tuple[Array, Array, float]:
@@ -162,9 +166,24 @@ def find_trim(condition: FlightCondition) -> Trim:
     return Trim(condition, x, delta, throttle, place, gamma, residual)
 
 
+def _found_by_jsbsim(condition: FlightCondition) -> Trim:
+    """Return the trim of a derived aircraft."""
+    airframe = condition.airframe
+    model = StockModel(condition, max(100, airframe.least_rate))
+    x, delta = model.state(), airframe.effectors_from_surfaces @ model.positions()
+    x.setflags(write=False)
+    delta.setflags(write=False)
+    now = model.surroundings()
+    gamma = float(x[7]) - math.atan2(x[2], x[0])
+    residual = float(np.abs(model.derivative()[:6]).max())
+    return Trim(condition, x, delta, now.throttle, (now.place[0], now.place[1]), gamma, residual)
+
+
 def _check(condition: FlightCondition) -> None:
     alpha = 0.0 if condition.alpha is None else condition.alpha
-    numbers = (condition.altitude, condition.mach, alpha, condition.ballast, condition.leading_edge_flap)
-    if not all(math.isfinite(value) for value in numbers) or condition.mach <= 0.0 or condition.ballast < 0.0:
+    speed = condition.mach if condition.airspeed is None else condition.airspeed
+    speed = math.nan if speed is None else speed
+    numbers = (condition.altitude, speed, alpha, condition.ballast, condition.leading_edge_flap, condition.gamma)
+    if not all(math.isfinite(value) for value in numbers) or speed <= 0.0 or condition.ballast < 0.0:
         message = f"condition {condition.name}: {numbers}, expected finite numbers, Mach above 0, ballast not below 0"
         raise PlantError(message)

@@ -20,9 +20,8 @@ from campaigns.running import kept, run, start, strict, table, wait_for, write
 from msls_ros.campaigns.plan import plan
 from msls_ros.campaigns.store import Store
 from msls_ros.campaigns.table import summarise
-from msls_ros.flights import closed_loop
 from msls_ros.flights.judging import errors, exposed, false_alarms
-from msls_ros.plant import Sample, Sensors
+from msls_ros.plant import Sample, Sensors, instruments
 
 
 def rows_of(folder: Path) -> list[dict[str, str]]:
@@ -261,7 +260,7 @@ def test_a_flight_that_fails_is_a_row(
             bad = self.broken and sample.time > 1.0
             return Sample(good.time, np.full(9, np.nan), good.xdot, good.delta) if bad else good
 
-    monkeypatch.setattr(closed_loop, "Sensors", Broken)
+    monkeypatch.setattr(instruments, "Sensors", Broken)
     todo = [write(tmp_path), "--seeds", 3, "--out", tmp_path / "out"]
     code, text, _ = run(capsys, *todo)
     assert code == 0

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from msls_msgs.msg import EffectorCommand
 
-from msls_ros.commands import demo
+from msls_ros.commands import demo, replay, report
 from msls_ros.commands.progress import Progress
 from msls_ros.flights.comparison import Comparison, summarise
 from msls_ros.flights.scenarios import find_scenario
@@ -276,3 +276,38 @@ def test_an_interrupted_demo_says_so_and_leaves_a_bag(
     assert err.splitlines()[-1] == f"demo: interrupted; what was flown so far is in '{tmp_path / 'out' / 'bag'}'"
     assert len(offline.load(tmp_path / "out" / "bag").topic("state")) > 20
     assert signal.getsignal(signal.SIGINT) == handler
+
+
+SHORT = """
+description: a light aeroplane loses half of its elevator
+aircraft: c172x
+manoeuvre: [quiet 1, elevator_3211 6, rudder_doublet 3]
+duration: 8.0
+noise: low
+sensors: {suite: flight_test, vane_position: 2.0, dropped: 0.05}
+faults:
+  - {effector: elevator, time: 4.0, effectiveness: 0.5}
+watch: Q/de
+identifier: {profile: c172x}
+"""
+
+
+def test_another_aircraft_flies_is_judged_replayed_and_reported(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """With the sensors of a real aircraft, of which every twentieth sample is lost."""
+    (tmp_path / "short.yaml").write_text(SHORT)
+    out = tmp_path / "out"
+    assert demo.main(["--scenario", str(tmp_path / "short.yaml"), "--out", str(out), "--json"]) == 0
+    summary = json.loads(capfd.readouterr().out)
+    assert summary["aircraft"] == "c172x" and 350 < summary["samples"] < 400
+    assert summary["b51"]["truth_before"] == pytest.approx(-23.6, rel=0.15)
+    assert summary["b51"]["truth_after"] == pytest.approx(0.5 * summary["b51"]["truth_before"], rel=0.1)
+    assert not summary["refused"] and summary["time_outs"] == 0
+    replayed = tmp_path / "replayed"
+    assert replay.main([str(out / "bag"), "--out", str(replayed)]) == 0
+    first, again = (decoded(bag)["/model"] for bag in (out / "bag", replayed / "bag"))
+    assert len(first) == len(again) > 300
+    assert all(one == other for one, other in zip(first, again, strict=True))
+    assert report.main([str(out / "bag"), "--out", str(tmp_path / "page"), "--json"]) == 0
+    assert (tmp_path / "page" / report.PAGE).is_file()

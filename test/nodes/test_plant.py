@@ -135,7 +135,8 @@ def test_an_identifier_may_be_missing_where_nobody_waits_for_it(bench: Bench) ->
 
 def loop(bench: Bench, **parameters: Any) -> tuple[PlantNode, PilotNode, IdentifierNode]:
     steering = bench.add(PilotNode)
-    identifier = bench.add(IdentifierNode, use_sim_time=parameters.get("mode") != "real_time")
+    lockstep = parameters.get("mode") != "real_time"
+    identifier = bench.add(IdentifierNode, use_sim_time=lockstep, lockstep=lockstep)
     return bench.add(PlantNode, **parameters), steering, identifier
 
 
