@@ -105,6 +105,11 @@ class BankRegression:
         return self.state.theta
 
     @property
+    def covariance(self) -> Array:
+        """(p, p) of the estimates over the residual variance, of the first row: that of the member that leads there."""
+        return self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+
+    @property
     def samples(self) -> int:
         """Samples since the last reset."""
         return int(self.state.samples[0])

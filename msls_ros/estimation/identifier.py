@@ -245,12 +245,12 @@ class Identifier:
     @property
     def samples(self) -> int:
         """Samples used since the last reset."""
-        return int(self._regression.state.samples[0])
+        return self._regression.samples
 
     @property
     def covariance(self) -> Array:
         """(p, p) of the estimates over the residual variance, as `warm_start` takes it; of the rows that share one."""
-        found: Array = self._regression.state.P[0, 0]
+        found = self._regression.covariance
         return 0.5 * (found + found.T)
 
     @property

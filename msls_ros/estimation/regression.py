@@ -193,6 +193,12 @@ class Regression:
         self.settings = self.settings._replace(followed_row=row, followed_column=column)
 
     @property
+    def covariance(self) -> Array:
+        """(p, p) of the estimates over the residual variance, of the rows that share one."""
+        found: Array = self.state.P[0, 0]
+        return found
+
+    @property
     def samples(self) -> int:
         """Samples since the last reset."""
         return int(self.state.samples[0])
