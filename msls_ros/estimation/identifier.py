@@ -14,18 +14,18 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Knowledge, Level
+from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
 from msls_ros.estimation.gusts import clear_air, make_air, observe_air
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
-from msls_ros.estimation.reference import moving_air
-from msls_ros.estimation.regression import Regression
-from msls_ros.estimation.settings import loop_settings
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
@@ -64,10 +64,11 @@ class Identifier:
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
         self._supervisor = Supervisor(c)
-        self._regression = Regression(loop_settings(c), len(c.rows))
+        self._regression = make_engine(c)
         self._assembly = Assembly(c, self._regression)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
+        self._defect = make_defect(len(c.rows), c.sample_rate)
         self._enabled = True
         self._followed = -1, -1
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
@@ -79,6 +80,7 @@ class Identifier:
         self._law.reset()
         self._supervisor.reset()
         clear_air(self._air)
+        clear_defect(self._defect)
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
         self._error = self._statistic = np.zeros(len(self.configuration.rows))
@@ -135,23 +137,22 @@ class Identifier:
         self.configuration = configuration
         self._law.configure(self.configuration)
         self._supervisor.configure(self.configuration)
-        self._regression.settings = loop_settings(self.configuration)
+        self._regression.configure(self.configuration)
         self._follow()
         self._assembly = Assembly(self.configuration, self._regression)
 
     def _follow(self) -> None:
-        row, column = self._followed
-        self._regression.settings = self._regression.settings._replace(followed_row=row, followed_column=column)
+        self._regression.follow(*self._followed)
 
     @property
     def air(self) -> float:
         """Share of the motion through the air that gusts make, 0 to 1; see `gusts`."""
-        return float(self._regression.state.air[0])
+        return 0.0 if isinstance(self._regression, BankRegression) else self._regression.air
 
     @property
     def moving_air(self) -> bool:
         """Whether the air moves so much that it widens the error bars."""
-        return self._regression.settings.confounded and moving_air(self._regression.state) > 0.0
+        return not isinstance(self._regression, BankRegression) and self._regression.moving_air
 
     @property
     def alarms(self) -> int:
@@ -243,12 +244,12 @@ class Identifier:
     @property
     def samples(self) -> int:
         """Samples used since the last reset."""
-        return int(self._regression.state.samples[0])
+        return self._regression.samples
 
     @property
     def covariance(self) -> Array:
         """(p, p) of the estimates over the residual variance, as `warm_start` takes it; of the rows that share one."""
-        found: Array = self._regression.state.P[0, 0]
+        found = self._regression.covariance
         return 0.5 * (found + found.T)
 
     @property
@@ -278,12 +279,12 @@ class Identifier:
         run = Run([], [], [])
         start = 0
         while start < len(time):
-            due = every - int(self._regression.state.samples[0]) % every
+            due = every - self._regression.samples % every
             stop = min(start + due, len(time))
             block, followed = self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
             run.dithers.append(block)
             run.followed.append(followed)
-            if self._regression.state.samples[0] % every == 0 or self._events:
+            if self._regression.samples % every == 0 or self._events:
                 run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
         return run
@@ -301,8 +302,7 @@ class Identifier:
             block = self._law.silence(time)
             self._dither = block.at(count - 1)
             return block, np.full(count, self.followed)
-        forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
-        self._regression.state.air[0] = observe_air(self._air, time, x, xdot, self._velocities, forgetting)
+        self._observe_states(time, x, xdot)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
         out = self._regression.make_output(count)
@@ -319,6 +319,15 @@ class Identifier:
         block = self._law.commands(time, known, delta)
         self._dither = block.at(count - 1)
         return block, out.followed
+
+    def _observe_states(self, time: Array, x: Array, xdot: Array) -> None:
+        """See what of the states' motion their derivatives do not explain: noise and gusts."""
+        if isinstance(self._regression, BankRegression):
+            observe_defect(self._defect, time, x, xdot, self._kept)
+            self._regression.noise[:] = 0.5 * self._defect.variance
+            return
+        forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
+        self._regression.air = observe_air(self._air, time, x, xdot, self._velocities, forgetting)
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)
@@ -351,8 +360,8 @@ class Identifier:
             regressors=self._regressors,
             excitation=model.excitation,
             residual_std=model.residual_std,
-            forgetting_factor=self._assembly.forgetting_factor,
-            samples=int(self._regression.state.samples[0]),
+            forgetting_factor=self._assembly.forgetting(),
+            samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),
             events=self.take_events(),

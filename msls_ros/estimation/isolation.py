@@ -21,6 +21,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,15 @@ ALL_OF_IT = 0.97
 """Share of the difference at which nothing more is looked for [1]."""
 PLAUSIBLE = (-0.3, 1.3)
 """Range of what damage may leave of an effect [1]."""
+
+
+class Difference(NamedTuple):
+    """The estimates of one row before an alarm and since, (p,) each, and their covariances, (p, p)."""
+
+    before: Array
+    before_covariance: Array
+    since: Array
+    since_covariance: Array
 
 
 @dataclass(frozen=True)

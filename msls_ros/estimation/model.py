@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import add_known, find_known, find_states
 from msls_ros.estimation.reference import moving_air
-from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.state import Settings, State
 from msls_ros.estimation.uncertainty import error_bars
 
@@ -106,6 +107,23 @@ def fill_model(
                 out.bias[row] += theta
 
 
+def fill_bank_model(regression: BankRegression, layout: Layout, x: Array, out: Model) -> None:
+    """As `fill_model` for the bank: what is reliable is known well; ``out.excitation`` says what is excited now."""
+    r, last = len(layout.kept), regression.theta.shape[1] - 1
+    add_known(x, layout.known, out.a, out.bias)
+    allowed = np.maximum(layout.relative_error * np.abs(regression.theta), layout.tolerance)
+    for q, row in enumerate(layout.kept.tolist()):
+        theta = regression.theta[q]
+        errors, out.residual_std[row] = regression.uncertainty(q)
+        np.minimum(out.excitation, regression.excitation(q), out=out.excitation)
+        reliable = errors <= allowed[q]
+        out.a[row, layout.kept] += theta[:r]
+        out.a_std[row, layout.kept] = errors[:r]
+        out.a_reliable[row, layout.kept] = reliable[:r]
+        out.b[row], out.b_std[row], out.b_reliable[row] = theta[r:last], errors[r:last], reliable[r:last]
+        out.bias[row] += theta[last]
+
+
 class Assembly:
     """Builds the model of a regression.
 
@@ -117,28 +135,39 @@ class Assembly:
         The engine.
     """
 
-    def __init__(self, configuration: Configuration, regression: Regression) -> None:
+    def __init__(self, configuration: Configuration, regression: Engine) -> None:
         """Find the places of everything; see the class."""
         c = configuration
         n, p = len(c.states), len(c.regressors)
         kept = np.array([c.states.index(s) for s in c.rows], np.int64)
         self._shape = n, len(c.effectors), p
-        self._settings, self._state = regression.settings, regression.state
+        self._regression = regression
+        scale = np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors])
         self._layout = Layout(
             kept=kept,
             known=find_states(c.states) if c.known_gravity else np.full(9, -1),
             excitation=c.reliability.excitation,
             relative_error=c.reliability.relative_error,
-            tolerance=c.reliability.tolerance / regression.settings.scale,
+            tolerance=c.reliability.tolerance / scale,
         )
-        self._scratch = np.empty((2, len(regression.settings.colours))), np.empty(p)
+        colours = 1 if isinstance(regression, BankRegression) else len(regression.settings.colours)
+        self._scratch = np.empty((2, colours)), np.empty(p)
         self.a_known: Flags = find_known(c.states) if c.known_gravity else np.zeros((n, n), np.bool_)
         """(n, n) which entries of A come from physics; read-only."""
-        self.forgetting_factor = np.full(n, math.nan)
-        """(n,) lambda per equation [1], NaN where the equation is known; read-only."""
-        self.forgetting_factor[kept] = regression.settings.forgetting
-        for shared in (self.a_known, self.forgetting_factor):
+        self._forgetting = np.full(n, math.nan)
+        if not isinstance(regression, BankRegression):
+            self._forgetting[kept] = regression.settings.forgetting
+        for shared in (self.a_known, self._forgetting):
             shared.setflags(write=False)
+
+    def forgetting(self) -> Array:
+        """Return lambda per equation [1], (n,), NaN where the equation is known; read-only."""
+        if not isinstance(self._regression, BankRegression):
+            return self._forgetting
+        now = self._forgetting.copy()
+        for q, row in enumerate(self._layout.kept.tolist()):
+            now[row] = self._regression.forgetting(q)
+        return now
 
     def build(self, x: Array) -> Model:
         """Return the model as it stands, its known part at ``x`` (n,)."""
@@ -157,5 +186,9 @@ class Assembly:
         model.b_reliable.fill(True)
         model.residual_std.fill(math.nan)
         model.excitation.fill(math.inf)
-        fill_model(self._settings, self._state, self._layout, x, *self._scratch, model)
+        r = self._regression
+        if isinstance(r, BankRegression):
+            fill_bank_model(r, self._layout, x, model)
+        else:
+            fill_model(r.settings, r.state, self._layout, x, *self._scratch, model)
         return model

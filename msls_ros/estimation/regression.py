@@ -9,15 +9,15 @@ from typing import Any
 
 import numpy as np
 
+from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.isolation import invert, upper_factor
+from msls_ros.estimation.isolation import Difference, invert, upper_factor
 from msls_ros.estimation.kernel import Array, Integers, make_work
+from msls_ros.estimation.reference import moving_air
 from msls_ros.estimation.rows import advance
-from msls_ros.estimation.state import COLOURS, Output, Settings, clear, make_output, make_state
+from msls_ros.estimation.settings import loop_settings
+from msls_ros.estimation.state import COLOURS, PRIOR_MSLS, PRIOR_RLS, Output, Settings, clear, make_output, make_state
 from msls_ros.estimation.uncertainty import row_uncertainty
-
-PRIOR_MSLS = 1e2
-PRIOR_RLS = 1e8
 
 
 def make_settings(regressors: int, rows: int, **changes: Any) -> Settings:
@@ -183,6 +183,62 @@ class Regression:
             for q in range(r):
                 errors[k, q] = self.standard_errors(q)
         return theta, errors, alarms
+
+    def configure(self, configuration: Configuration) -> None:
+        """Take over changed parameters; what has been learnt stays."""
+        self.settings = loop_settings(configuration)
+
+    def follow(self, row: int, column: int) -> None:
+        """Have ``Output.followed`` hold one estimate; negative: none."""
+        self.settings = self.settings._replace(followed_row=row, followed_column=column)
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the estimates over the residual variance, of the rows that share one."""
+        found: Array = self.state.P[0, 0]
+        return found
+
+    @property
+    def samples(self) -> int:
+        """Samples since the last reset."""
+        return int(self.state.samples[0])
+
+    @property
+    def air(self) -> float:
+        """Share of the motion through the air that is the air's; see `gusts`."""
+        return float(self.state.air[0])
+
+    @air.setter
+    def air(self, share: float) -> None:
+        self.state.air[0] = share
+
+    @property
+    def moving_air(self) -> bool:
+        """Whether the air moves so much that it widens the error bars."""
+        return self.settings.confounded and moving_air(self.state) > 0.0
+
+    def age(self, row: int) -> int:
+        """Samples since the row's group began."""
+        return int(self.state.age[self.state.group[row]])
+
+    def recovered(self, row: int) -> bool:
+        """Whether the penalty of a row that had an alarm has ramped back to normal."""
+        return bool(self.state.group[row] == 0) or self.age(row) >= 4 * self.theta.shape[1]
+
+    def settle(self, row: int) -> None:
+        """Let go of what was known of a row before its alarm."""
+        self.state.pending[row] = 0
+
+    def difference(self, row: int) -> Difference:
+        """Return the estimates of a row before its alarm and since, and the covariances of both."""
+        x, p = self.state, self.theta.shape[1]
+        of_row = row_uncertainty(self.settings, x, row)
+        before, since = np.zeros((p, p)), np.zeros((p, p))
+        for m, share in enumerate(of_row.weights):
+            if share > 0.0:
+                before += share * of_row.variances[m] * x.P_before[row, m]
+                since += share * of_row.variances[m] * x.P[x.group[row], m]
+        return Difference(x.theta_before[row], before, self.theta[row], since)
 
     @property
     def theta(self) -> Array:

@@ -53,7 +53,16 @@ class EstimatorParameters:
     """The recursive estimator (eqs 6-14)."""
 
     method: str = parameter(
-        "msls", "estimator: msls (the paper's) or rls (to compare)", choices=("msls", "rls"), in_flight=False
+        "msls",
+        "estimator: bank (of memories, nothing to tune), msls (the paper's) or rls (to compare)",
+        choices=("bank", "msls", "rls"),
+        in_flight=False,
+    )
+    memories: tuple[float, ...] = parameter(
+        (0.1, 0.4, 1.5), "bank: memories that forget with time", unit="s", low=1e-3, high=1e4, in_flight=False
+    )
+    held_memories: tuple[float, ...] = parameter(
+        (5.0, 30.0), "bank: memories that forget with excitation", unit="s", low=1e-3, high=1e5, in_flight=False
     )
     forgetting_factor: float = parameter(0.9, "lambda, per sample; R is scaled by its square root", low=0.01, high=1.0)
     time_constant: float = parameter(

@@ -7,8 +7,7 @@ import math
 import numpy as np
 
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.regression import PRIOR_MSLS, PRIOR_RLS
-from msls_ros.estimation.state import COLOURS, Settings
+from msls_ros.estimation.state import COLOURS, PRIOR_MSLS, PRIOR_RLS, Settings
 
 
 def loop_settings(c: Configuration) -> Settings:

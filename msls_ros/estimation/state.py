@@ -18,6 +18,10 @@ COLOURS = (0.0, 0.7, 0.9, 0.97, 0.995)
 """Coefficients of the AR(1) residuals for which the covariance is propagated; estimates in between are interpolated."""
 
 
+PRIOR_MSLS = 1e2
+PRIOR_RLS = 1e8
+
+
 class Settings(NamedTuple):
     """What the loop needs to know; p regressors, r rows, m colours."""
 

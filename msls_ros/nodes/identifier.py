@@ -200,7 +200,7 @@ class IdentifierNode(LifecycleNode):
 
     def _build(self, configuration: Configuration) -> None:
         """Make identifier and gate, and compile every kernel before the first sample comes."""
-        took = warm_up()
+        took = warm_up(configuration.estimator.method)
         if took > COMPILING and HAVE_NUMBA:
             self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
         self._identifier = Identifier(configuration)

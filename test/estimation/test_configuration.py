@@ -25,7 +25,7 @@ def test_a_shipped_profile_is_the_whole_manual_and_up_to_date(path: Path) -> Non
     [
         ({"estimator.forgetting_factor": 1.5}, r"forgetting_factor' is 1.5; it must be in \[0.01, 1\]"),
         ({"estimator.forgetting_factor": math.nan}, "forgetting_factor' is nan; it must be in"),
-        ({"estimator.method": "kalman"}, "must be one of msls, rls"),
+        ({"estimator.method": "kalman"}, "must be one of bank, msls, rls"),
         ({"estimator": {"forgeting": 0.9}}, "'estimator.forgeting' does not exist"),
         ({"detector.window": 10.5}, "must be a whole number"),
         ({"dither.enabled": 1}, "must be true or false"),

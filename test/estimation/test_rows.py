@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier, from_mapping
+from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier, Regression, from_mapping
 from msls_ros.estimation.compiled import HAVE_NUMBA, compiled
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import FLIGHT_STATES, GRAVITY, add_known, find_known, find_states
@@ -139,10 +139,12 @@ def test_arrays_of_any_layout_give_the_same_bits() -> None:
 @pytest.mark.parametrize("mode", list(MODES))
 def test_colours_weigh_one_and_errors_are_infinite_before_data(mode: str) -> None:
     identifier = Identifier(configuration(mode))
-    assert np.isinf(row_uncertainty(identifier._regression.settings, identifier._regression.state, 0).errors).all()
+    engine = identifier._regression
+    assert isinstance(engine, Regression)
+    assert np.isinf(row_uncertainty(engine.settings, engine.state, 0).errors).all()
     identifier.run(*flight(), every=SAMPLES)
     for row in range(3):
-        found = row_uncertainty(identifier._regression.settings, identifier._regression.state, row)
+        found = row_uncertainty(engine.settings, engine.state, row)
         assert found.weights.sum() == pytest.approx(1.0)
         assert (found.weights >= 0.0).all()
         assert np.count_nonzero(found.weights) <= 2

@@ -46,7 +46,7 @@ def launch(name: str, *arguments: str, domain: int = 0, folder: Path | None = No
 
 WRONG = {
     "a value out of range": (["identifier", "-p", "estimator.forgetting_factor:=2.0"], "[0.01, 1]"),
-    "a word that is no choice": (["identifier", "-p", "estimator.method:=magic"], "one of msls, rls"),
+    "a word that is no choice": (["identifier", "-p", "estimator.method:=magic"], "one of bank, msls, rls"),
     "a condition that does not exist": (["plant", "-p", "condition:=moon"], "one of high_alpha, cruise"),
     "a manoeuvre that does not exist": (["pilot", "-p", "manoeuvre:=loop"], "one of roll_doublet, steady"),
     "a parameter file that is missing": (["identifier", "--params-file", "missing.yaml"], "missing.yaml"),

@@ -1,0 +1,121 @@
+"""Detection of abrupt changes in the bank: the last squared prediction errors against older ones, one setting.
+
+``u`` is the squared one-step error of the member that predicts best (`BankState.sharpest`). Over windows of a few
+lengths l the mean of the last errors is compared with the nominal one, each in units of what noise alone reaches once
+in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
+
+    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( base + (floor)^2 energy )          alarm: T > threshold
+
+``base`` is the mean of the errors older than the longest window, ``energy`` what the output had when it was excited
+(`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d``
+is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
+what is excited for the first time cannot be called changed; it is learnt. No noise level enters anywhere.
+"""
+
+from __future__ import annotations
+
+from msls_ros.estimation.bank_energy import NEW, observe_novelty
+from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+
+
+@compiled
+def sense_bank(
+    s: BankSettings, x: BankState, phi: Array, y: Array, e: Array, statistic: Array, alarm: Integers, row: Array
+) -> bool:
+    """Prediction errors and change statistics of all rows; True where any row alarms.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state before the sample.
+    phi
+        (p,) regressor, constant first.
+    y
+        (r,) outputs.
+    e, statistic, alarm
+        (r,) out.
+    row
+        (p,) scratch.
+    """
+    any_alarm = False
+    group = -1
+    novelty = observe_novelty(s, x, phi)
+    expected = 1.0
+    for q in range(y.shape[0]):
+        error = y[q]
+        sharp = y[q]
+        for i in range(phi.shape[0]):
+            error -= x.mixed[q, i] * phi[i]
+            sharp -= x.members[q, i, x.sharpest[q]] * phi[i]
+        e[q] = error
+        statistic[q] = 0.0
+        alarm[q] = 0
+        if not s.detect:
+            continue
+        if x.group[q] != group:
+            group = x.group[q]
+            expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
+        square = sharp * sharp
+        deviation = y[q] - x.mean[q]
+        new = NEW * x.remembered[q]
+        first = deviation * deviation / new if deviation * deviation > new and new > 0.0 else 1.0
+        statistic[q] = change_of(s, x, q, square / (expected * first))
+        if statistic[q] > s.threshold:
+            alarm[q] = 1
+            any_alarm = True
+        else:
+            remember_square(s, x, q, square, square / (expected * first))
+    return any_alarm
+
+
+@compiled
+def uncertainty_of(R: Array, m: int, phi: Array, w: Array) -> float:
+    """Return ``d = phi' (R'R)^-1 phi`` of member m by substitution, ``R' w = phi``; (p, p, m), (p,), scratch (p,)."""
+    d = 0.0
+    for j in range(phi.shape[0]):
+        total = phi[j]
+        for k in range(j):
+            total -= R[k, j, m] * w[k]
+        w[j] = total / R[j, j, m]
+        d += w[j] * w[j]
+    return d
+
+
+@compiled
+def change_of(s: BankSettings, x: BankState, q: int, surprise: float) -> float:
+    """Return the statistic of row q with the squared error of now; 0 while the detector is not armed."""
+    size = x.ring.shape[1]
+    if x.counted[q] < size or x.base[q, 1] < s.rest:
+        return 0.0
+    nominal = x.base[q, 0] / x.base[q, 1] + s.floor * s.floor * x.remembered[q]
+    if nominal <= 0.0:
+        return 0.0
+    total = surprise
+    taken = 1
+    largest = 0.0
+    for i in range(s.windows.shape[0]):
+        while taken < s.windows[i]:
+            total += x.surprise[q, (x.counted[q] - taken) % size]
+            taken += 1
+        value = total / s.windows[i] / nominal / s.quantiles[i]
+        if value > largest:
+            largest = value
+    return largest
+
+
+@compiled
+def remember_square(s: BankSettings, x: BankState, q: int, square: float, surprise: float) -> None:
+    """Push a squared error into row q's window, after the rest; what leaves it enters the nominal one."""
+    if x.counted[q] < 0:
+        x.counted[q] += 1
+        return
+    size = x.ring.shape[1]
+    slot = x.counted[q] % size
+    if x.counted[q] >= size:
+        x.base[q, 0] = s.base * x.base[q, 0] + x.ring[q, slot]
+        x.base[q, 1] = s.base * x.base[q, 1] + 1.0
+    x.ring[q, slot] = square
+    x.surprise[q, slot] = surprise
+    x.counted[q] += 1

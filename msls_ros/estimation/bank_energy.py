@@ -1,0 +1,73 @@
+"""What a sample can teach: the present energy of each output against the energy that it had when it was excited.
+
+In quiet flight the regressors are noise: forgetting then only loses what is known, and judging then only rewards having
+no effect. So forgetting of held members and the weight of a sample in the evidence go with::
+
+    mean <- slow mean of y,   now <- mean of (y - mean)^2 over half a second
+    gate  = min(now / remembered, 1)
+    remembered += gain gate (now - remembered);   rises at once with now
+
+The same for each regressor says whether it moves further than ever before. The energy that is remembered fades only as
+fast as flight is excited: after a minute of quiet it still knows the last manoeuvre. It also makes the floor of the
+detector (`bank_detection`).
+"""
+
+from __future__ import annotations
+
+from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+NEW = 9.0
+"""A regressor is new to us where its squared deviation is so many times the energy that it is known by."""
+
+
+@compiled
+def observe_novelty(s: BankSettings, x: BankState, phi: Array) -> float:
+    """Update the energies of the regressors; return by how much the largest exceeds all that was seen, at least 1.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    phi
+        (p,) regressor, constant first.
+    """
+    start = 1.0 / (x.samples[0] + 1.0)
+    novelty = 1.0
+    for i in range(1, phi.shape[0]):
+        x.phi_mean[i] += max(start, s.energy[0]) * (phi[i] - x.phi_mean[i])
+        deviation = phi[i] - x.phi_mean[i]
+        now = deviation * deviation
+        known = x.phi_remembered[i]
+        if now > novelty * NEW * known and known > 0.0:
+            novelty = now / (NEW * known)
+        gate = now / known if known > now else 1.0
+        x.phi_remembered[i] += max(start, s.energy[2]) * gate * (now - known)
+        if now > known:
+            x.phi_remembered[i] += s.energy[3] * (now - x.phi_remembered[i])
+    return novelty
+
+
+@compiled
+def observe_energy(s: BankSettings, x: BankState, y: Array) -> None:
+    """Update energies and gates of all rows with the outputs of a sample, (r,)."""
+    start = 1.0 / (x.samples[0] + 1.0)
+    for q in range(y.shape[0]):
+        x.mean[q] += max(start, s.energy[0]) * (y[q] - x.mean[q])
+        deviation = y[q] - x.mean[q]
+        x.now[q] += max(start, s.energy[1]) * (deviation * deviation - x.now[q])
+        now = x.now[q]
+        gate = now / x.remembered[q] if x.remembered[q] > now else 1.0
+        x.remembered[q] += max(start, s.energy[2]) * gate * (now - x.remembered[q])
+        if now > x.remembered[q]:
+            x.remembered[q] += s.energy[3] * (now - x.remembered[q])
+        x.gate[q] = gate
+    for g in range(x.age.shape[0]):
+        total = 0.0
+        rows = 0
+        for q in range(y.shape[0]):
+            if x.group[q] == g:
+                total += x.gate[q]
+                rows += 1
+        x.shared_gate[g] = total / rows if rows > 0 else 1.0

@@ -1,0 +1,180 @@
+"""How the members of the bank are judged and mixed: predictive evidence now and delayed, and covariance intersection.
+
+**Evidence.** Member m is judged by the squares of its prediction errors, one step ahead and with the estimate that it
+had ``delay`` samples ago, each scaled by the member's own predicted deviation; weights ``w_k`` fade exponentially and
+count a sample by what it can teach (`bank_energy`), for in the quiet the best prediction is no effect at all::
+
+    N = sum w_k,   J0 = sum w_k e_k^2 / (1 + d_k),   J1 = sum w_k e_k(delayed)^2 / (1 + d_k),   L = sum w_k ln(1 + d_k)
+    W_m  ~  exp( -a/2 [ N ln J0 + N ln J1 + 2 L ] )
+
+That is the prequential likelihood with the noise level integrated out (so that no noise level enters), raised to a
+power below one because successive errors are not independent. The delayed term is cross-validation for dependent data:
+what is predicted lies beyond the reach of what disturbed the estimate. One step ahead alone rewards extrapolation of
+coloured residuals, delayed alone is slow to follow a change.
+
+**Mixture.** Per coefficient, members count by what they know of it (the diagonal of covariance intersection, or the
+logarithmic pool of normal opinions)::
+
+    theta_i = sum W_m I_mi theta_mi / sum W_m I_mi,     I_mi = 1/((R_m'R_m)^-1)_ii
+
+References
+----------
+Dawid, "Statistical theory: the prequential approach", J. R. Stat. Soc. A 147 (1984). Burman, Chow and Nolan, "A
+cross-validatory method for dependent data", Biometrika 81 (1994). Grunwald, "The safe Bayesian", 2012 (powers below
+one). Julier and Uhlmann, "A non-divergent estimation algorithm in the presence of unknown correlations", 1997. Genest
+and Zidek, "Combining probability distributions", Statistical Science 1 (1986).
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.elementary import exponential, logarithm
+from msls_ros.estimation.kernel import Array
+
+TINY = 1e-150
+"""Added to sums of squares before the logarithm of a product of two of them is taken."""
+
+NOTHING = -30.0
+"""A member whose exponent is so far below the best gets weight 0."""
+
+
+@compiled
+def judge(s: BankSettings, x: BankState, q: int, y: float, work: BankWork) -> None:
+    """Update the evidence of row q's members with a sample, and remember their estimates for the delayed one.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state; the members have taken the sample.
+    q
+        Row.
+    y
+        Its output.
+    work
+        Holds the regressor.
+    """
+    weight = max(x.gate[q], s.quiet)
+    fade = 1.0 - (1.0 - s.judging) * weight
+    size = x.past.shape[0]
+    age = x.age[x.group[q]] - 1
+    delay = s.delay if age >= s.delay else max(1, age // 2)
+    slot = x.samples[0] % size
+    back = (x.samples[0] - delay) % size
+    members = work.e.shape[0]
+    e = work.e
+    for m in range(members):
+        e[m] = y
+    for i in range(work.phi.shape[0]):
+        old = x.past[back, q, i]
+        for m in range(members):
+            e[m] -= old[m] * work.phi[i]
+    for i in range(work.phi.shape[0]):
+        keep = x.past[slot, q, i]
+        now = x.members[q, i]
+        for m in range(members):
+            keep[m] = now[m]
+    x.judged[q] = fade * x.judged[q] + weight
+    add_squares(x.evidence[q, 0], x.errors[q], x.deviation[x.group[q]], fade, weight)
+    add_squares(x.evidence[q, 1], e, x.deviation[x.group[q]], fade, weight)
+    log = x.log[x.group[q]]
+    logs = x.evidence[q, 2]
+    for m in range(members):
+        logs[m] = fade * logs[m] + weight * log[m]
+
+
+@compiled
+def add_squares(total: Array, e: Array, deviation: Array, fade: float, weight: float) -> None:
+    """``total <- fade total + weight (e deviation)^2`` for all members: (m,) each."""
+    for m in range(total.shape[0]):
+        scaled = e[m] * deviation[m]
+        total[m] = fade * total[m] + weight * scaled * scaled
+
+
+@compiled
+def weigh(s: BankSettings, x: BankState, q: int, exponent: Array) -> None:
+    """Turn the evidence of row q into shares of its members.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    q
+        Row.
+    exponent
+        (m,) scratch.
+    """
+    best = -math.inf
+    for m in range(exponent.shape[0]):
+        squares = (x.evidence[q, 0, m] + TINY) * (x.evidence[q, 1, m] + TINY)
+        exponent[m] = -0.5 * s.power * (x.judged[q] * logarithm(squares) + 2.0 * x.evidence[q, 2, m])
+        best = max(best, exponent[m])
+    total = 0.0
+    for m in range(exponent.shape[0]):
+        lag = exponent[m] - best
+        x.weight[q, m] = exponential(lag) if lag > NOTHING else 0.0
+        total += x.weight[q, m]
+    for m in range(exponent.shape[0]):
+        x.weight[q, m] /= total
+
+
+@compiled
+def find_sharpest(x: BankState, q: int) -> None:
+    """Find the member of row q with the most evidence from one-step predictions alone."""
+    least = math.inf
+    for m in range(x.weight.shape[1]):
+        surprise = x.judged[q] * logarithm(x.evidence[q, 0, m] + TINY) + x.evidence[q, 2, m]
+        if surprise < least:
+            least = surprise
+            x.sharpest[q] = m
+
+
+@compiled
+def mix(x: BankState, q: int, products: Array) -> None:
+    """Mix the members of row q into its estimate, per coefficient.
+
+    Parameters
+    ----------
+    x
+        State.
+    q
+        Row.
+    products
+        (m,) scratch.
+    """
+    p = x.mixed.shape[1]
+    members = products.shape[0]
+    weight = x.weight[q]
+    for i in range(p):
+        info = x.info[x.group[q], i]
+        theta = x.members[q, i]
+        for m in range(members):
+            products[m] = weight[m] * info[m]
+        total = sum_members(products)
+        for m in range(members):
+            products[m] *= theta[m]
+        x.mixed[q, i] = sum_members(products) / total
+        x.known[q, i] = total
+    for i in range(p - 1):
+        x.theta[q, i] = x.mixed[q, i + 1]
+    x.theta[q, p - 1] = x.mixed[q, 0]
+
+
+@compiled
+def sum_members(values: Array) -> float:
+    """Sum (m,) numbers in one fixed order, four chains at a time: additions wait for each other only within a chain."""
+    a = 0.0
+    b = 0.0
+    c = 0.0
+    d = 0.0
+    quarters = values.shape[0] // 4
+    for k in range(quarters):
+        a += values[4 * k]
+        b += values[4 * k + 1]
+        c += values[4 * k + 2]
+        d += values[4 * k + 3]
+    for k in range(4 * quarters, values.shape[0]):
+        a += values[k]
+    return (a + b) + (c + d)

@@ -1,0 +1,163 @@
+"""The bank as an engine: what `regression.Regression` is for MSLS and RLS, with the same interface."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from msls_ros.estimation.bank_rows import advance_bank, excitation_of
+from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
+from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member, residual_variance
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.isolation import Difference, invert, upper_factor
+from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.state import Output, make_output
+
+GROUPS = 4
+"""Most groups of rows with a history of their own."""
+
+
+class BankRegression:
+    """Estimate ``y_q = theta_q' phi + v_q`` recursively for r rows with a bank of memories.
+
+    Parameters
+    ----------
+    settings
+        See `BankSettings`.
+    rows
+        r.
+    """
+
+    def __init__(self, settings: BankSettings, rows: int) -> None:
+        """Allocate and clear; see the class."""
+        self.settings = settings
+        self.state = make_bank_state(settings, rows, min(rows + 1, GROUPS))
+        self.noise = np.zeros(rows)
+        """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
+        self._work = make_bank_work(settings)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        clear_bank(self.settings, self.state)
+        self.noise[:] = 0.0
+
+    def configure(self, configuration: Configuration) -> None:
+        """Take over changed parameters; what has been learnt stays."""
+        self.settings = bank_settings(configuration)
+
+    def follow(self, row: int, column: int) -> None:
+        """Have ``Output.followed`` hold one estimate; negative: none."""
+        self.settings = self.settings._replace(followed_row=row, followed_column=column)
+
+    def warm_start(self, theta: Array, covariance: Array) -> None:
+        """Start anew from given estimates; as `Regression.warm_start`.
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
+        """
+        r, p = self.theta.shape
+        if theta.shape != (r, p) or covariance.shape != (p, p):
+            message = f"estimates {theta.shape} and covariance {covariance.shape}; expected ({r}, {p}) and ({p}, {p})"
+            raise EstimationError(message)
+        information, factor = np.zeros((p, p)), np.zeros((p, p))
+        finite = np.isfinite(theta).all() and np.isfinite(covariance).all()
+        if (
+            not finite
+            or not (covariance == covariance.T).all()
+            or not invert(np.roll(covariance, 1, axis=(0, 1)), information, np.zeros((2, p, p)))
+        ):
+            message = "estimates and covariance must be finite, and the covariance symmetric positive definite"
+            raise EstimationError(message)
+        upper_factor(information, factor)
+        self.reset()
+        x, first = self.state, np.roll(theta, 1, axis=1)
+        x.theta[:] = theta
+        x.mixed[:] = first
+        x.members[:] = first[:, :, None]
+        x.past[:] = first[None, :, :, None]
+        x.R[0] = factor[:, :, None]
+        x.info[0] = 1.0 / np.roll(np.diagonal(covariance), 1)[:, None]
+        x.known[:] = x.info[0, :, 0]
+        x.taken[0] = 4.0 * p
+        x.age[0] = 4 * p
+
+    def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
+        """Take samples until one alarms or all are taken; return how many, and what happened at each."""
+        out = self.make_output(len(phi))
+        return self.advance_into(out, phi, y, 0, len(phi)), out
+
+    def make_output(self, samples: int) -> Output:
+        """Allocate what `advance_into` says of that many samples."""
+        return make_output(samples, len(self.theta), self.settings.effectors_to - self.settings.effectors_from)
+
+    def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
+        """Take samples from ``start`` on; return the index after the last one taken."""
+        return advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out)
+
+    @property
+    def theta(self) -> Array:
+        """(r, p) the estimates; a view."""
+        return self.state.theta
+
+    @property
+    def covariance(self) -> Array:
+        """(p, p) of the estimates over the residual variance, of the first row: that of the member that leads there."""
+        return self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+
+    @property
+    def samples(self) -> int:
+        """Samples since the last reset."""
+        return int(self.state.samples[0])
+
+    def excitation(self, row: int) -> Array:
+        """(p,) how far the last seconds excite each parameter of a row [1]."""
+        s, x = self.settings, self.state
+        info = x.info[x.group[row], :, s.recent]
+        p = len(info)
+        return np.array([excitation_of(s, float(info[(i + 1) % p]), (i + 1) % p) for i in range(p)])
+
+    def standard_errors(self, row: int) -> Array:
+        """(p,) standard errors of a row's estimates."""
+        return self.uncertainty(row)[0]
+
+    def uncertainty(self, row: int) -> tuple[Array, float]:
+        """Standard errors of a row's estimates, (p,), and the standard deviation of its residual."""
+        p = self.theta.shape[1]
+        errors = np.empty(p)
+        residual = bank_errors(self.settings, self.state, row, self.noise, self._work.e, self._work.w, errors)
+        return errors, residual
+
+    def forgetting(self, row: int) -> float:
+        """Forgetting factor of a row: the members' mean, by their shares [1]."""
+        shares, factors = self.state.weight[row].tolist(), self.settings.forgetting.tolist()
+        return float(sum(w * f for w, f in zip(shares, factors, strict=True)))
+
+    def age(self, row: int) -> int:
+        """Samples since the row's group began."""
+        return int(self.state.age[self.state.group[row]])
+
+    def recovered(self, row: int) -> bool:
+        """Whether a row that had an alarm is long back at its normal settings."""
+        return bool(self.age(row) >= 4 * self.theta.shape[1])
+
+    def settle(self, row: int) -> None:
+        """Let go of what was known of a row before its alarm."""
+        self.state.pending[row] = 0
+
+    def difference(self, row: int) -> Difference:
+        """Return the estimates of a row before its alarm and since, and the covariances of both, constant last."""
+        x = self.state
+        before = self._covariance(x.R_before[row][:, :, None], 0, float(x.variance_before[row]))
+        leader = leading_member(x, row)
+        since = self._covariance(x.R[x.group[row]], leader, residual_variance(x, row))
+        return Difference(np.roll(x.theta_before[row], -1), before, x.theta[row].copy(), since)
+
+    def _covariance(self, R: Array, member: int, variance: float) -> Array:
+        p = self.theta.shape[1]
+        covariance = np.empty((p, p))
+        factor_covariance(R, member, variance, np.zeros((p, p)), covariance)
+        return np.roll(covariance, -1, axis=(0, 1))

@@ -1,0 +1,181 @@
+"""The compiled loop of the bank over samples: energies, alarms, members, evidence, mixture, residual statistics.
+
+An alarm takes the alarmed rows out of their group into a free one, whose factors begin at their priors and whose
+estimates begin at the mixture's. Where no group is free, the rows join the youngest one, which begins anew.
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank import update_members
+from msls_ros.estimation.bank_detection import sense_bank
+from msls_ros.estimation.bank_energy import observe_energy
+from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
+from msls_ros.estimation.bank_uncertainty import leading_member, observe_errors, residual_variance
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.state import Output
+
+SHARPEN = 4
+"""The sharpest member of a row is looked for at every so manieth sample, and at every one after a restart."""
+
+WEIGH = 2
+"""The shares of a row's members are computed anew at every so manieth sample, and at every one after a restart."""
+
+
+@compiled
+def advance_bank(
+    s: BankSettings,
+    x: BankState,
+    phi: Array,
+    y: Array,
+    start: int,
+    stop: int,
+    work: BankWork,
+    out: Output,
+) -> int:
+    """Take samples until one alarms or all are taken; return the index after the last one taken.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    phi, y
+        (n, p) regressors, constant last, and (n, r) outputs, finite.
+    start, stop
+        Which samples to take.
+    work
+        Scratch.
+    out
+        What happened, per sample.
+    """
+    p = phi.shape[1]
+    for n in range(start, stop):
+        work.phi[0] = phi[n, p - 1]
+        for i in range(p - 1):
+            work.phi[i + 1] = phi[n, i]
+        any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
+        observe_energy(s, x, y[n])
+        if any_alarm:
+            split_bank(s, x, out.alarm[n])
+        for g in range(x.age.shape[0]):
+            if in_use(x, g):
+                update_members(s, x, g, y[n], work)
+        for q in range(y.shape[1]):
+            judge(s, x, q, y[n, q], work)
+            observe_errors(s, x, q, work.e)
+            if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
+                weigh(s, x, q, work.e)
+            if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
+                find_sharpest(x, q)
+            mix(x, q, work.e)
+        x.samples[0] += 1
+        report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
+        if s.followed_row >= 0:
+            out.followed[n] = x.theta[s.followed_row, s.followed_column]
+        if any_alarm:
+            return n + 1
+    return stop
+
+
+@compiled
+def in_use(x: BankState, g: int) -> bool:
+    """Whether any row belongs to group g."""
+    used = 0
+    for q in range(x.group.shape[0]):
+        if x.group[q] == g:
+            used += 1
+    return used > 0
+
+
+@compiled
+def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
+    """Take the alarmed rows out of their groups into one that begins anew."""
+    target = free_group(x, alarm)
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0:
+            keep_before(x, q)
+    clear_factors(s, x, target)
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0 or x.group[q] == target:
+            x.group[q] = target
+            restart_row(x, q)
+
+
+@compiled
+def free_group(x: BankState, alarm: Integers) -> int:
+    """Return a group that holds no row but alarmed ones; if there is none, the youngest."""
+    youngest = 0
+    for g in range(x.age.shape[0]):
+        others = 0
+        for q in range(alarm.shape[0]):
+            if x.group[q] == g and alarm[q] == 0:
+                others += 1
+        if others == 0:
+            return g
+        if x.age[g] < x.age[youngest]:
+            youngest = g
+    return youngest
+
+
+@compiled
+def restart_row(x: BankState, q: int) -> None:
+    """Begin row q anew from its mixture."""
+    p, members = x.members.shape[1:]
+    x.judged[q] = 0.0
+    x.counted[q] = -2 * p
+    for m in range(members):
+        for k in range(3):
+            x.evidence[q, k, m] = 0.0
+        for i in range(p):
+            x.members[q, i, m] = x.mixed[q, i]
+            for k in range(x.past.shape[0]):
+                x.past[k, q, i, m] = x.mixed[q, i]
+
+
+@compiled
+def keep_before(x: BankState, q: int) -> None:
+    """Keep what was known of row q before its first alarm, for isolation."""
+    if x.pending[q] != 0:
+        return
+    x.pending[q] = 1
+    p = x.mixed.shape[1]
+    leader = leading_member(x, q)
+    x.variance_before[q] = residual_variance(x, q)
+    for i in range(p):
+        x.theta_before[q, i] = x.mixed[q, i]
+        for k in range(p):
+            x.R_before[q, i, k] = x.R[x.group[q], i, k, leader]
+
+
+@compiled
+def report_effectors(s: BankSettings, x: BankState, b: Array, variance: Array, excitation: Array) -> None:
+    """Fill in the effectors' columns for the dither: estimates and variances (r, m), least excitation (m,).
+
+    A row that recovers from an alarm keeps the estimate from before; what a fault may have done to it counts as one
+    standard error of its own size at most, for a fault takes effect away and hardly ever adds any.
+    """
+    for j in range(excitation.shape[0]):
+        excitation[j] = 1.0
+    for q in range(x.theta.shape[0]):
+        g = x.group[q]
+        residual = residual_variance(x, q)
+        for j in range(excitation.shape[0]):
+            i = s.effectors_from + j
+            b[q, j] = x.theta[q, i]
+            square = residual / x.known[q, i + 1] if x.known[q, i + 1] > 0.0 else math.inf
+            if g > 0 and square > b[q, j] * b[q, j]:
+                square = b[q, j] * b[q, j]
+            variance[q, j] = square
+            share = excitation_of(s, x.info[g, i + 1, s.recent], i + 1)
+            if share < excitation[j]:
+                excitation[j] = share
+
+
+@compiled
+def excitation_of(s: BankSettings, info: float, i: int) -> float:
+    """Return how far the last seconds excite coefficient i (constant first): information over itself plus sigma^2."""
+    unit = s.sigma[i] * s.sigma[i]
+    return info / (info + unit) if unit > 0.0 else 1.0

@@ -1,0 +1,127 @@
+"""From the parameters that people set to the numbers that the bank's loop takes: the grid, and what is measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from msls_ros.estimation.bank_state import BankSettings
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.kernel import Array
+
+PRIORS = (10.0, 300.0, 1e5)
+"""Widths pi of the priors: ``R = diag(sigma/pi)``. Narrow ones hold back what a few noisy samples would say."""
+DRIFTS = (0.1, 1.0, 10.0)
+"""Walks kappa of the constant, per sample at `DRIFT_RATE`, over the standard deviation of the residual."""
+HELD_PRIORS = (10.0, 1e4)
+HELD_DRIFTS = (0.0, 0.1, 1.0)
+DRIFT_RATE = 50.0
+"""Sample rate at which kappa is quoted [Hz]."""
+SIGMA = 0.01
+"""The bank's unit of each regressor, as a share of its scale. A third and three times of it do as well."""
+CONSTANT_PRIOR = 1e3
+"""Least width of the prior of the constant, whose unit is 1."""
+WIND_UP = 0.1
+JUDGING = 1.0
+"""Memory of the evidence in excited flight [s]."""
+DELAY = 0.5
+"""Of the delayed predictions [s]: several times the correlation time of the noise of real sensors."""
+POWER, POWER_RATE = 0.3, 50.0
+QUIET = 0.005
+"""Least weight of a sample in the evidence."""
+ENERGY = (5.0, 0.5, 20.0, 0.5)
+"""Memories of the outputs' mean, their present energy, the energy remembered, and its rise [s]."""
+WINDOWS = (1, 3, 8, 20)
+QUANTILES = (32.8, 13.3, 6.97, 4.25)
+"""Quantile 1 - 1e-8 of chi^2 with that many degrees of freedom, over them."""
+THRESHOLD = 1.5
+FLOOR = 0.07
+BASE = 4.0
+"""Memory of the nominal squared error [s]."""
+REST = 20
+"""Samples without detection at a start."""
+RESIDUAL_MEMORY = 4.0
+COLOUR_MEMORY = 10.0
+"""[s]"""
+
+
+def bank_grid(memories: Sequence[float], held: Sequence[float]) -> list[tuple[float, float, float, int]]:
+    """Return memory [s], prior width, drift and whether it is held, of every member."""
+    free = [(tau, pi, kappa, 0) for tau in memories for pi in PRIORS for kappa in DRIFTS]
+    return free + [(tau, pi, kappa, 1) for tau in held for pi in HELD_PRIORS for kappa in HELD_DRIFTS]
+
+
+def make_bank_settings(
+    scale: Array,
+    period: float,
+    grid: Sequence[tuple[float, float, float, int]],
+    *,
+    effectors: tuple[int, int] = (0, 0),
+    detect: bool = True,
+    threshold: float = THRESHOLD,
+) -> BankSettings:
+    """Build the settings of a bank.
+
+    Parameters
+    ----------
+    scale
+        (p,) of the regressors, the constant last (its scale is not used).
+    period
+        Of the samples [s].
+    grid
+        Members, see `bank_grid`.
+    effectors
+        First and after the last effector among the regressors.
+    detect
+        Whether alarms are raised.
+    threshold
+        Of the detector.
+    """
+    tau, pi, kappa, held = (np.array(column, dtype=np.float64) for column in zip(*grid, strict=True))
+    sigma = np.concatenate([[0.0], SIGMA * scale[:-1]])
+    prior = sigma[:, None] / pi[None, :]
+    prior[0] = 1.0 / np.maximum(pi, CONSTANT_PRIOR)
+    widest = [(t, -k, p) for t, p, k, _ in grid]
+    recent = min(range(len(grid)), key=lambda m: (abs(grid[m][0] - 1.5), -grid[m][1], abs(grid[m][2] - 1.0)))
+    return BankSettings(
+        forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
+        held=held.astype(np.int64),
+        drift=kappa * math.sqrt(period * DRIFT_RATE),
+        prior=prior,
+        sigma=sigma,
+        wind_up=WIND_UP,
+        judging=math.exp(-period / JUDGING),
+        delay=max(2, round(DELAY / period)),
+        power=POWER * min(1.0, period * POWER_RATE),
+        quiet=QUIET,
+        energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
+        detect=detect,
+        windows=np.array(WINDOWS, np.int64),
+        quantiles=np.array(QUANTILES),
+        threshold=threshold,
+        floor=FLOOR,
+        base=max(1.0 - period / BASE, 0.0),
+        rest=REST,
+        residual_forgetting=math.exp(-period / RESIDUAL_MEMORY),
+        colour_forgetting=math.exp(-period / COLOUR_MEMORY),
+        effectors_from=effectors[0],
+        effectors_to=effectors[1],
+        reference=widest.index(max(widest)),
+        recent=recent,
+        followed_row=-1,
+        followed_column=-1,
+    )
+
+
+def bank_settings(c: Configuration) -> BankSettings:
+    """Translate the parameters into what the compiled loop takes."""
+    scale = np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors])
+    return make_bank_settings(
+        scale,
+        1.0 / c.sample_rate,
+        bank_grid(c.estimator.memories, c.estimator.held_memories),
+        effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
+        detect=c.detector.mode != "off",
+    )

@@ -1,0 +1,256 @@
+"""What the compiled loop of the bank is told (`BankSettings`), what it keeps (`BankState`), and starting anew.
+
+As in `state`, groups are slots of the first axis: rows that share a history share the factors of one group. Inside the
+bank the constant stands first among the regressors; `BankState.theta` and all that is handed out has it last.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+
+
+class BankSettings(NamedTuple):
+    """What the loop needs to know; p regressors, m members, w windows."""
+
+    forgetting: Array
+    """(m,) lambda of each member, per sample [1]."""
+    held: Integers
+    """(m,) 1 where forgetting goes with what is learnt."""
+    drift: Array
+    """(m,) kappa: walk of the constant per sample over the residual's standard deviation [1]."""
+    prior: Array
+    """(p, m) diagonal of a new factor, constant first [1/parameter, residual variance 1]."""
+    sigma: Array
+    """(p,) the bank's unit of each regressor, constant first; the constant's is 0."""
+    wind_up: float
+    """Share of the prior that comes back, row by row [1]."""
+    judging: float
+    """Forgetting factor of the evidence [1]."""
+    delay: int
+    """Samples between an estimate and the delayed prediction that it is judged by."""
+    power: float
+    """Power of the evidence of one-step and of delayed predictions [1]."""
+    quiet: float
+    """Least weight of a sample in the evidence [1]."""
+    energy: Array
+    """(4,) gains per sample: of the outputs' slow mean, their present energy, the energy remembered, its rise."""
+    detect: bool
+    windows: Integers
+    """(w,) samples over which squared prediction errors are averaged, rising."""
+    quantiles: Array
+    """(w,) what such a mean of unit variance reaches once in 1e8 samples of Gaussian noise."""
+    threshold: float
+    floor: float
+    """Share of the remembered energy that an alarm needs at least [1, rms]."""
+    base: float
+    """Forgetting factor of the nominal squared error [1]."""
+    rest: int
+    """Samples without detection at a start."""
+    residual_forgetting: float
+    colour_forgetting: float
+    effectors_from: int
+    """Index of the first effector among the regressors, the constant last."""
+    effectors_to: int
+    reference: int
+    """Member whose information counts as knowledge: the longest memory, the widest prior."""
+    recent: int
+    """Member whose information counts as excitation."""
+    followed_row: int
+    followed_column: int
+    """Of the estimate that `Output.followed` holds; negative: none."""
+
+
+class BankState(NamedTuple):
+    """Everything that changes; g groups, m members, p regressors (constant first), r rows."""
+
+    R: Array
+    """(g, p, p, m) factors."""
+    info: Array
+    """(g, p, m) information of each coefficient alone, see `bank.find_information`."""
+    deviation: Array
+    """(g, m) ``1/sqrt(1 + d)`` of the last sample."""
+    log: Array
+    """(g, m) ``ln(1 + d)`` of the last sample."""
+    taken: Array
+    """(g, m) sum of the weights of the samples in the factor."""
+    age: Integers
+    """(g,) samples since the group began."""
+    group: Integers
+    """(r,) group of each row."""
+    members: Array
+    """(r, p, m) estimates of the members."""
+    errors: Array
+    """(r, m) their last prediction errors."""
+    past: Array
+    """(d+1, r, p, m) their estimates over the last samples, a ring."""
+    mixed: Array
+    """(r, p) the estimates, constant first."""
+    known: Array
+    """(r, p) information of the mixture, sum of shares times information, constant first."""
+    theta: Array
+    """(r, p) the estimates, constant last."""
+    sharpest: Integers
+    """(r,) the member that predicts best one step ahead."""
+    weight: Array
+    """(r, m) share of each member [1]."""
+    evidence: Array
+    """(r, 3, m) weighted sums: squared errors one step ahead, delayed, and ln(1 + d)."""
+    judged: Array
+    """(r,) sum of the weights of the evidence."""
+    mean: Array
+    """(r,) slow mean of the outputs."""
+    now: Array
+    """(r,) present energy of the outputs about it."""
+    remembered: Array
+    """(r,) energy that is remembered; it does not fade in the quiet."""
+    phi_mean: Array
+    """(p,) slow mean of the regressors."""
+    phi_remembered: Array
+    """(p,) energy of the regressors about it that is remembered."""
+    gate: Array
+    """(r,) present over remembered energy, at most 1."""
+    shared_gate: Array
+    """(g,) the mean over the rows of the group."""
+    ring: Array
+    """(r, w) last squared prediction errors of the sharpest member."""
+    surprise: Array
+    """(r, w) the same over 1 + d of the reference member and over what is new of the regressors."""
+    counted: Integers
+    """(r,) errors in the ring since the last restart; negative: samples of rest left."""
+    base: Array
+    """(r, 2) weighted sum of older squared errors, and of the weights."""
+    e: Array
+    """(r,) last normalised prediction errors of the mixture; NaN: none."""
+    residual: Array
+    """(r, 3) weighted sums: the members' normalised squared errors, one step ahead and delayed, and the weights."""
+    colour: Array
+    """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
+    pending: Integers
+    """(r,) 1 from an alarm of the row until it is settled what changed."""
+    theta_before: Array
+    """(r, p) the estimates before that alarm, constant first."""
+    R_before: Array
+    """(r, p, p) factor of the leading member before that alarm."""
+    variance_before: Array
+    """(r,) residual variance, corrected for colour, before that alarm."""
+    samples: Integers
+    """(1,) samples since the last reset."""
+
+
+class BankWork(NamedTuple):
+    """Scratch of one sample; no state."""
+
+    phi: Array
+    """(p,) regressor, constant first."""
+    w: Array
+    """(p,)"""
+    row: Array
+    """(p, m) rows that are rotated in."""
+    z: Array
+    """(p, m) right-hand sides."""
+    K: Array
+    """(p, m) gains."""
+    V: Array
+    """(p, p, m) inverses of the factors."""
+    c: Array
+    """(m,) cosines, as t the sines."""
+    t: Array
+    left: Array
+    """(m,) what is left of the right-hand side."""
+    root: Array
+    """(m,) what the factors shrink by, as first their row 0."""
+    first: Array
+    loss: Array
+    """(m,) share of the information that is forgotten [1]."""
+    e: Array
+    """(m,) delayed prediction errors; exponents of the weights."""
+
+
+def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
+    """Allocate a state; `clear_bank` makes it valid."""
+    p, m = s.prior.shape
+    w = int(s.windows[-1])
+    return BankState(
+        R=np.zeros((groups, p, p, m)),
+        info=np.zeros((groups, p, m)),
+        deviation=np.zeros((groups, m)),
+        log=np.zeros((groups, m)),
+        taken=np.zeros((groups, m)),
+        age=np.zeros(groups, np.int64),
+        group=np.zeros(rows, np.int64),
+        members=np.zeros((rows, p, m)),
+        errors=np.zeros((rows, m)),
+        past=np.zeros((s.delay + 1, rows, p, m)),
+        mixed=np.zeros((rows, p)),
+        known=np.ones((rows, p)),
+        theta=np.zeros((rows, p)),
+        sharpest=np.zeros(rows, np.int64),
+        weight=np.zeros((rows, m)),
+        evidence=np.zeros((rows, 3, m)),
+        judged=np.zeros(rows),
+        mean=np.zeros(rows),
+        now=np.zeros(rows),
+        remembered=np.zeros(rows),
+        phi_mean=np.zeros(p),
+        phi_remembered=np.zeros(p),
+        gate=np.zeros(rows),
+        shared_gate=np.zeros(groups),
+        ring=np.zeros((rows, w)),
+        surprise=np.zeros((rows, w)),
+        counted=np.zeros(rows, np.int64),
+        base=np.zeros((rows, 2)),
+        e=np.zeros(rows),
+        residual=np.zeros((rows, 3)),
+        colour=np.zeros((rows, 2)),
+        pending=np.zeros(rows, np.int64),
+        theta_before=np.zeros((rows, p)),
+        R_before=np.zeros((rows, p, p)),
+        variance_before=np.zeros(rows),
+        samples=np.zeros(1, np.int64),
+    )
+
+
+def make_bank_work(s: BankSettings) -> BankWork:
+    """Allocate the scratch."""
+    p, m = s.prior.shape
+    row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
+    c, t, left, root, first, loss, e = (np.zeros(m) for _ in range(7))
+    return BankWork(np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e)
+
+
+def clear_bank(s: BankSettings, x: BankState) -> None:
+    """Start anew: nothing known, estimates zero, all rows in group 0."""
+    for array in x:
+        array[...] = 0
+    x.weight[:] = 1.0 / len(s.forgetting)
+    x.known[:] = 1.0
+    x.e[:] = math.nan
+    x.counted[:] = -s.rest
+    clear_factors(s, x, 0)
+
+
+@compiled
+def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
+    """Put the priors in the place of all factors of group g."""
+    for m in range(s.forgetting.shape[0]):
+        clear_factor(s, x, g, m)
+    x.age[g] = 0
+    x.shared_gate[g] = 1.0
+
+
+@compiled
+def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
+    """Put the prior in the place of one factor."""
+    p = s.prior.shape[0]
+    for i in range(p):
+        for k in range(p):
+            x.R[g, i, k, m] = 0.0
+        x.R[g, i, i, m] = s.prior[i, m]
+        x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
+    x.taken[g, m] = 0.0

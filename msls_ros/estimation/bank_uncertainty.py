@@ -1,0 +1,206 @@
+"""Error bars of the bank: what members know, what their residuals are, how far they disagree, how noise biases.
+
+Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
+
+    se_i^2 = s^2 c / sum W_m I_mi  +  sum W_m I_mi (theta_mi - theta_i)^2 / sum W_m I_mi  +  b_i^2
+
+The first term is covariance intersection times the variance of the residual. ``s^2`` is the geometric mean of the
+members' squared one-step and delayed prediction errors, each over 1 + d: the first alone does not see that the model
+bends, the second alone takes all bending for noise. It is weighted like the evidence: bars that were earned in a
+manoeuvre keep the residual of the manoeuvre through the quiet after it. ``c`` corrects for colour, ``(1 + rho)/(1 -
+rho)`` with the lag-1 autocorrelation of the prediction errors, and for the degrees of freedom that the parameters have
+taken, ``n/(n - p)``. The second term, the spread between members, is the uncertainty about the model itself. ``b`` is
+the bias by noise in the states and by gusts (`regressor_noise`), for the member that counts most.
+
+Variance and colour are carried over an alarm; the number of samples is not: nothing is claimed before ``2p`` samples.
+
+References
+----------
+Bates and Granger, "The combination of forecasts", 1969; Buckland, Burnham and Augustin, "Model selection: an integral
+part of inference", Biometrics 53 (1997) (spread between models). Grauer and Morelli, "Parameter uncertainty for
+aircraft parameter estimates using recursive least squares", 2016 (coloured residuals).
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank_mixing import sum_members
+from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+LARGEST_COLOUR = 0.98
+"""The autocorrelation is not taken for more: the memory holds no more independent stretches."""
+
+
+@compiled
+def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
+    """Update variance and colour of row q's normalised prediction errors; both are carried over an alarm.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state; the members have taken the sample.
+    q
+        Row.
+    e
+        (m,) delayed prediction errors; destroyed.
+    """
+    deviation = x.deviation[x.group[q]]
+    for m in range(e.shape[0]):
+        scaled = e[m] * deviation[m]
+        e[m] = x.weight[q, m] * scaled * scaled
+    delayed = sum_members(e)
+    for m in range(e.shape[0]):
+        e[m] = x.weight[q, m] * x.errors[q, m] * deviation[m]
+    error = sum_members(e)
+    for m in range(e.shape[0]):
+        e[m] *= x.errors[q, m] * deviation[m]
+    square = sum_members(e)
+    if x.age[x.group[q]] > x.mixed.shape[1]:
+        weight = max(x.gate[q], s.quiet)
+        fade = 1.0 - (1.0 - s.residual_forgetting) * weight
+        x.residual[q, 0] = fade * x.residual[q, 0] + weight * square
+        x.residual[q, 1] = fade * x.residual[q, 1] + weight * delayed
+        x.residual[q, 2] = fade * x.residual[q, 2] + weight
+        if not math.isnan(x.e[q]):
+            fade = 1.0 - (1.0 - s.colour_forgetting) * weight
+            x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
+            x.colour[q, 1] = fade * x.colour[q, 1] + weight * error * error
+    x.e[q] = error
+
+
+@compiled
+def long_run_factor(x: BankState, q: int) -> float:
+    """Return by how much colour multiplies the variance of a mean of row q's residuals [1]."""
+    if x.colour[q, 1] <= 0.0:
+        return 1.0
+    rho = min(max(float(x.colour[q, 0]) / float(x.colour[q, 1]), 0.0), LARGEST_COLOUR)
+    return (1.0 + rho) / (1.0 - rho)
+
+
+@compiled
+def residual_variance(x: BankState, q: int) -> float:
+    """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
+    if x.residual[q, 2] <= 0.0:
+        return math.inf
+    now = x.residual[q, 0] / x.residual[q, 2]
+    delayed = x.residual[q, 1] / x.residual[q, 2]
+    return math.sqrt(now) * math.sqrt(max(now, delayed)) * long_run_factor(x, q)
+
+
+@compiled
+def attenuation(s: BankSettings, x: BankState, q: int, noise: Array, b: Array) -> None:
+    """Bias of row q's estimates by noise in the states: (p,) out, constant first.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    q
+        Row.
+    noise
+        (r,) variance of the noise in the states, that are the first regressors.
+    b
+        (p,) out.
+    """
+    p = b.shape[0]
+    g = x.group[q]
+    m = leading_member(x, q)
+    R = x.R[g]
+    samples = x.taken[g, m]
+    for j in range(p):
+        total = samples * noise[j - 1] * x.mixed[q, j] if 1 <= j <= noise.shape[0] else 0.0
+        for k in range(j):
+            total -= R[k, j, m] * b[k]
+        b[j] = total / R[j, j, m]
+    for j in range(p - 1, -1, -1):
+        total = b[j]
+        for k in range(j + 1, p):
+            total -= R[j, k, m] * b[k]
+        b[j] = total / R[j, j, m]
+
+
+@compiled
+def leading_member(x: BankState, q: int) -> int:
+    """Return the member that counts most in row q's estimates, on average over the coefficients."""
+    members = x.weight.shape[1]
+    info = x.info[x.group[q]]
+    leader = 0
+    most = -1.0
+    for m in range(members):
+        share = 0.0
+        for i in range(info.shape[0]):
+            share += x.weight[q, m] * info[i, m] / x.known[q, i]
+        if share > most:
+            most = share
+            leader = m
+    return leader
+
+
+@compiled
+def bank_errors(
+    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, errors: Array
+) -> float:
+    """Fill in the standard errors of row q's estimates.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    q
+        Identified row.
+    noise
+        (r,) variance of the noise in the states.
+    products, bias
+        (m,) and (p,) scratch.
+    errors
+        (p,) out, constant last; infinite before anything can be known.
+
+    Returns
+    -------
+    float
+        Standard deviation of the residual [output]; NaN before there is any data.
+    """
+    p = errors.shape[0]
+    age = x.age[x.group[q]]
+    residual = math.sqrt(x.residual[q, 0] / x.residual[q, 2]) if x.residual[q, 2] > 0.0 else math.nan
+    if x.residual[q, 2] <= 0.0 or age <= 2 * p:
+        for i in range(p):
+            errors[i] = math.inf
+        return residual
+    variance = residual_variance(x, q) * age / (age - p)
+    attenuation(s, x, q, noise, bias)
+    for i in range(p):
+        info = x.info[x.group[q], i]
+        theta = x.members[q, i]
+        for m in range(products.shape[0]):
+            products[m] = x.weight[q, m] * info[m]
+        total = x.known[q, i]
+        for m in range(products.shape[0]):
+            difference = theta[m] - x.mixed[q, i]
+            products[m] *= difference * difference
+        square = (variance + sum_members(products)) / total + bias[i] * bias[i]
+        errors[(i + p - 1) % p] = math.sqrt(square)
+    return residual
+
+
+@compiled
+def factor_covariance(R: Array, m: int, variance: float, V: Array, covariance: Array) -> None:
+    """``variance (R'R)^-1`` of member m: (p, p, m), scratch (p, p), (p, p) out."""
+    p = covariance.shape[0]
+    for k in range(p):
+        V[k, k] = 1.0 / R[k, k, m]
+        for i in range(k):
+            total = 0.0
+            for n in range(i, k):
+                total += V[i, n] * R[n, k, m]
+            V[i, k] = -total * V[k, k]
+    for i in range(p):
+        for j in range(i + 1):
+            total = 0.0
+            for k in range(i, p):
+                total += V[i, k] * V[j, k]
+            covariance[i, j] = variance * total
+            covariance[j, i] = variance * total

@@ -1,0 +1,24 @@
+"""The engine of an identifier by the configured method: MSLS and RLS (`Regression`), or the bank (`BankRegression`)."""
+
+from __future__ import annotations
+
+from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.regression import Regression
+from msls_ros.estimation.settings import loop_settings
+
+Engine = Regression | BankRegression
+
+
+def make_engine(c: Configuration) -> Engine:
+    """Return the engine that a configuration asks for.
+
+    Parameters
+    ----------
+    c
+        All parameters.
+    """
+    if c.estimator.method == "bank":
+        return BankRegression(bank_settings(c), len(c.rows))
+    return Regression(loop_settings(c), len(c.rows))

@@ -1,0 +1,118 @@
+"""Noise in the regressors: what the measured states do beyond what their measured derivatives make of them.
+
+Least squares takes regressors for exact. Where they are not, estimates shrink (attenuation), no matter how many samples
+there are, and residuals do not show it. But a state and its derivative are measured apart, and the change of the one
+should be the integral of the other. What is left over a window of L samples is noise of the state's sensor, white or
+coloured, or a gust that moves the air data and not the aircraft::
+
+    D_k = x_k - x_(k-L) - sum (xdot_j + xdot_(j-1)) dt/2,      sigma_x^2 = 1/2 var D
+
+About its mean: an accelerometer's bias is no gust. The bias that follows for least squares over n samples is (Fuller)::
+
+    b = -(R'R)^-1 n diag(sigma_x^2) theta
+
+Nothing is seen where the derivatives were made from the states.
+
+References
+----------
+Fuller, *Measurement Error Models*, 1987, section 2.2.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+
+WINDOW = 0.4
+"""L [s]: longer than the noise of vanes is correlated."""
+
+MEMORY = 3.0
+"""Of mean and variance [s]."""
+
+GAP = 2.0
+"""A step of time longer than this many of the last one interrupts the window."""
+
+
+class Defect(NamedTuple):
+    """What `observe_defect` remembers; v states."""
+
+    last: Array
+    """(2, v) the last states and their derivatives."""
+    steps: Array
+    """(L, v) the last differences between change and integral."""
+    total: Array
+    """(v,) their sum."""
+    mean: Array
+    variance: Array
+    """(v,) of the sum."""
+    clock: Array
+    """(2,) time of the last sample, length of the last step [s]."""
+    filled: Integers
+    """(2,) samples of the window that are filled; sums that were seen."""
+
+
+def make_defect(states: int, sample_rate: float) -> Defect:
+    """Allocate for that many states; `clear_defect` makes it valid."""
+    size = max(4, round(WINDOW * sample_rate))
+    total, mean, variance = np.zeros(states), np.zeros(states), np.zeros(states)
+    steps = np.zeros((size, states))
+    return Defect(np.zeros((2, states)), steps, total, mean, variance, np.zeros(2), np.zeros(2, np.int64))
+
+
+def clear_defect(defect: Defect) -> None:
+    """Know nothing."""
+    for array in defect:
+        array[...] = 0
+    defect.filled[0] = -1
+
+
+@compiled
+def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers) -> None:
+    """Take samples; ``defect.variance`` follows.
+
+    Parameters
+    ----------
+    defect
+        Memory; updated.
+    time
+        (n,) [s].
+    x, xdot
+        (n, states) [m/s, rad/s; per second].
+    columns
+        (v,) where the states stand.
+    """
+    size = defect.steps.shape[0]
+    for k in range(time.shape[0]):
+        step = time[k] - defect.clock[0]
+        if defect.filled[0] >= 0 and (step <= 0.0 or (defect.clock[1] > 0.0 and step > GAP * defect.clock[1])):
+            defect.filled[0] = -1
+        if defect.filled[0] < 0:
+            for j in range(columns.shape[0]):
+                defect.total[j] = 0.0
+                for i in range(size):
+                    defect.steps[i, j] = 0.0
+        full = defect.filled[0] >= size
+        if full:
+            defect.filled[1] += 1
+        gain = max(1.0 / max(defect.filled[1], 1), step / MEMORY)
+        for j in range(columns.shape[0]):
+            v = x[k, columns[j]]
+            a = xdot[k, columns[j]]
+            if defect.filled[0] >= 0:
+                slot = defect.filled[0] % size
+                d = v - defect.last[0, j] - 0.5 * step * (a + defect.last[1, j])
+                defect.total[j] += d - defect.steps[slot, j]
+                defect.steps[slot, j] = d
+            if full:
+                defect.mean[j] += gain * (defect.total[j] - defect.mean[j])
+                deviation = defect.total[j] - defect.mean[j]
+                defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
+            defect.last[0, j] = v
+            defect.last[1, j] = a
+        defect.clock[1] = step if defect.filled[0] >= 0 else 0.0
+        defect.clock[0] = time[k]
+        defect.filled[0] += 1

@@ -1,0 +1,194 @@
+"""The bank of memories: what it promises as an estimator, and the same bits as everything else."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from msls_ros.estimation import EstimationError, EventKind, Identifier, from_mapping
+from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_settings import bank_grid, make_bank_settings
+from msls_ros.estimation.compiled import HAVE_NUMBA, compiled
+from msls_ros.estimation.elementary import exponential, logarithm
+from msls_ros.estimation.kernel import Array
+
+SMALL: dict[str, Any] = {
+    "states": ("P", "Q", "R"),
+    "effectors": ("da", "de"),
+    "known_gravity": False,
+    "estimator.method": "bank",
+    "estimator.memories": (0.1, 1.5),
+    "estimator.held_memories": (5.0,),
+    "dither.bandwidth": 2.0,
+}
+PINNED = "28627981cc3ce251de767ee310bb8f98"
+SAMPLES, FAULT, PERIOD = 240, 150, 0.02
+
+BITS = """
+import sys
+sys.path.insert(0, sys.argv[1])
+from msls_ros.estimation.compiled import HAVE_NUMBA
+from estimation.test_bank import digest
+print(HAVE_NUMBA, digest())
+"""
+
+
+def uniform(n: int, width: int, seed: int) -> Array:
+    """Numbers in [-1, 1) from the raw stream of a generator: exact, so equal on every machine."""
+    raw = np.random.PCG64(seed).random_raw(n * width) >> np.uint64(11)
+    return (raw.astype(np.float64) * 2.0**-52 - 1.0).reshape(n, width)
+
+
+def flight(n: int = SAMPLES, fault: int = FAULT) -> tuple[Array, Array, Array, Array]:
+    """Return a flight whose first effector loses its effect on P."""
+    x, delta = 0.25 * uniform(n, 3, 1), 0.125 * uniform(n, 2, 2)
+    xdot = 0.0078125 * uniform(n, 3, 3)
+    xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * delta[:, 0]
+    xdot[:, 1] += -1.0 * x[:, 1] + 0.5 * x[:, 2] - 4.0 * delta[:, 1]
+    xdot[:, 2] += -0.5 * x[:, 2] + 1.0 * delta[:, 0]
+    xdot[fault:, 0] -= 8.0 * delta[fault:, 0]
+    return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
+
+
+def digest() -> str:
+    """Return a hash of every number that a flight gives."""
+    total = hashlib.sha256()
+    for estimate in Identifier(from_mapping(SMALL)).run(*flight()).estimates:
+        fields = (estimate.a, estimate.b, estimate.bias, estimate.a_std, estimate.b_std, estimate.excitation)
+        for array in (*fields, estimate.statistic, estimate.forgetting_factor, estimate.dither.delta):
+            total.update(np.ascontiguousarray(array + 0.0).tobytes())
+    return total.hexdigest()[:32]
+
+
+def test_the_bits_are_the_pinned_ones() -> None:
+    assert digest() == PINNED
+
+
+def test_compiled_and_interpreted_give_the_same_bits() -> None:
+    said = []
+    for disable in ("0", "1"):
+        environment = {**os.environ, "NUMBA_DISABLE_JIT": disable}
+        command = [sys.executable, "-W", "ignore", "-c", BITS, str(Path(__file__).parents[1])]
+        said.append(subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout.split())
+    assert said[1][0] == "False"
+    assert said[0][1] == said[1][1]
+
+
+def test_one_by_one_and_in_one_piece_give_the_same_bits() -> None:
+    one, whole = Identifier(from_mapping(SMALL)), Identifier(from_mapping(SMALL))
+    single = {e.samples: e for e in (one.update(*sample) for sample in zip(*flight(), strict=True))}
+    pieces = whole.run(*flight(), every=25).estimates
+    assert len(pieces) >= SAMPLES // 25
+    for estimate in pieces:
+        for name, value in vars(estimate).items():
+            if isinstance(value, np.ndarray):
+                assert value.tobytes() == vars(single[estimate.samples])[name].tobytes(), name
+
+
+@compiled
+def _both(x: float) -> tuple[float, float]:
+    return exponential(x), logarithm(x)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_exponential_and_logarithm_hold_to_two_units_in_the_last_place(sign: float) -> None:
+    for exponent in np.linspace(-8.0, 2.8, 2001):
+        x = 10.0**exponent
+        assert exponential(sign * x) == pytest.approx(math.exp(sign * x), rel=4.5e-16, abs=0.0)
+        assert logarithm(x) == pytest.approx(math.log(x), rel=4.5e-16, abs=1e-300)
+    assert logarithm(1.0) == 0.0
+    assert exponential(0.0) == 1.0
+    assert exponential(-1e4) == 0.0
+    assert math.isfinite(exponential(1e4))
+    assert _both(1.5) == (exponential(1.5), logarithm(1.5))
+
+
+def engine(p: int, rows: int, grid: list[tuple[float, float, float, int]]) -> BankRegression:
+    return BankRegression(make_bank_settings(np.ones(p), PERIOD, grid, detect=False), rows)
+
+
+def test_a_bank_of_one_is_exponentially_weighted_least_squares() -> None:
+    n, p, tau = 400, 4, 1.0
+    phi, theta = uniform(n, p, 5), uniform(2, p, 6)
+    phi[:, -1] = 1.0
+    y = phi @ theta.T + 0.0625 * uniform(n, 2, 7)
+    bank = engine(p, 2, [(tau, 1e5, 0.0, 0)])
+    bank.advance(phi, y)
+    weights = np.exp(-0.5 * PERIOD / tau * np.arange(n)[::-1])[:, None]
+    expected, *_ = np.linalg.lstsq(weights * phi, weights * y, rcond=None)
+    assert bank.theta == pytest.approx(expected.T, rel=1e-6)
+    bank.advance(phi[:1], y[:1])
+    factor = np.roll(bank.state.R[0, :, :, 0], -1, axis=1)
+    total = math.exp(-PERIOD / tau) * (weights * phi).T @ (weights * phi) + np.outer(phi[0], phi[0])
+    assert factor.T @ factor == pytest.approx(total, rel=1e-5, abs=1e-6)
+
+
+def test_an_effect_is_kept_through_a_minute_of_quiet() -> None:
+    n, quiet = 3600, 600
+    phi = 0.25 * uniform(n, 3, 8)
+    phi[quiet:] *= 1e-3
+    phi[:, -1] = 1.0
+    y = phi @ np.array([[2.0, -5.0, 0.3]]).T + 0.001 * uniform(n, 1, 9)
+    bank = BankRegression(make_bank_settings(np.ones(3), PERIOD, bank_grid((0.1, 1.5), (5.0, 30.0))), 1)
+    bank.advance(phi, y)
+    assert bank.theta[0, :2] == pytest.approx([2.0, -5.0], rel=0.01)
+    assert (bank.standard_errors(0)[:2] < 0.05).all()
+    assert (bank.excitation(0)[:2] < 0.2).all()
+
+
+def test_a_lost_effector_is_found_restarts_its_row_alone_and_nothing_is_claimed_before_it_can_be_known() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    estimates = [identifier.update(*sample) for sample in zip(*flight(), strict=True)]
+    events = [event for estimate in estimates for event in estimate.events]
+    assert events[0].kind == EventKind.DETECTED
+    assert events[0].equations == ("P",)
+    assert events[0].time <= PERIOD * (FAULT + 5)
+    found = next(e for e in events if e.kind == EventKind.ISOLATED)
+    assert found.suspected_effector == "da"
+    assert abs(found.effectiveness) <= 3.0 * found.effectiveness_std + 0.02
+    struck = round(events[0].time / PERIOD)
+    p = len(identifier.configuration.regressors)
+    for estimate in (*estimates[:p], *estimates[struck : struck + 2 * p]):
+        assert not estimate.b_reliable[0].any()
+    assert estimates[FAULT - 1].b_reliable[0, 0]
+    assert abs(estimates[-1].b[0, 0]) < 0.1
+    assert np.isfinite(estimates[struck + 1].b_std[1]).all()
+
+
+def test_what_is_learnt_survives_a_change_in_flight_and_memories_do_not_change() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    time, x, xdot, delta = (array[:100] for array in flight())
+    identifier.run(time, x, xdot, delta)
+    before = identifier._regression.theta.copy()
+    identifier.configure({"isolation.significance": 5.0})
+    assert (identifier._regression.theta == before).all()
+    with pytest.raises(EstimationError, match="cannot change"):
+        identifier.configure({"estimator.memories": (0.2,)})
+
+
+def test_a_warm_start_begins_where_it_is_told() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    a, b = np.diag([-2.0, -1.0, -0.5]), np.array([[8.0, 0.0], [0.0, -4.0], [1.0, 0.0]])
+    identifier.warm_start(a, b, np.zeros(3), 1e-4 * np.eye(6))
+    time, x, xdot, delta = flight()
+    last = identifier.run(time[:5], x[:5], xdot[:5], delta[:5]).estimates[-1]
+    assert last.b == pytest.approx(b, abs=0.05)
+    with pytest.raises(EstimationError, match="positive definite"):
+        identifier.warm_start(a, b, np.zeros(3), -np.eye(6))
+
+
+def test_long_unexcited_flight_stays_finite() -> None:
+    bank = engine(3, 1, bank_grid((0.1, 1.5), (5.0,)))
+    phi = np.zeros((20_000 if HAVE_NUMBA else 500, 3))
+    phi[:, -1] = 1.0
+    bank.advance(phi, np.zeros((len(phi), 1)))
+    assert np.isfinite(bank.theta).all()
+    assert not np.isnan(bank.standard_errors(0)).any()
