@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
@@ -29,15 +27,12 @@ class BankRegression:
         See `BankSettings`.
     rows
         r.
-    weights
-        What each effector's estimate counts for in ``Output.effect``; empty where there are no effectors.
     """
 
-    def __init__(self, settings: BankSettings, rows: int, weights: Sequence[float] | Array = ()) -> None:
+    def __init__(self, settings: BankSettings, rows: int) -> None:
         """Allocate and clear; see the class."""
         self.settings = settings
         self.state = make_bank_state(settings, rows, min(rows + 1, GROUPS))
-        self.weights = np.array(weights, dtype=np.float64)
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
         self._work = make_bank_work(settings)
@@ -92,12 +87,16 @@ class BankRegression:
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
         """Take samples until one alarms or all are taken; return how many, and what happened at each."""
-        out = make_output(len(phi), y.shape[1])
+        out = self.make_output(len(phi))
         return self.advance_into(out, phi, y, 0, len(phi)), out
+
+    def make_output(self, samples: int) -> Output:
+        """Allocate what `advance_into` says of that many samples."""
+        return make_output(samples, len(self.theta), self.settings.effectors_to - self.settings.effectors_from)
 
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on; return the index after the last one taken."""
-        return advance_bank(self.settings, self.state, phi, y, start, stop, self.weights, self._work, out)
+        return advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out)
 
     @property
     def theta(self) -> Array:

@@ -6,6 +6,8 @@ estimates begin at the mixture's. Where no group is free, the rows join the youn
 
 from __future__ import annotations
 
+import math
+
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
@@ -31,7 +33,6 @@ def advance_bank(
     y: Array,
     start: int,
     stop: int,
-    weights: Array,
     work: BankWork,
     out: Output,
 ) -> int:
@@ -45,8 +46,6 @@ def advance_bank(
         (n, p) regressors, constant last, and (n, r) outputs, finite.
     start, stop
         Which samples to take.
-    weights
-        Dither weight of each effector.
     work
         Scratch.
     out
@@ -73,7 +72,7 @@ def advance_bank(
                 find_sharpest(x, q)
             mix(x, q, work.e)
         x.samples[0] += 1
-        out.excitation[n] = summarise_bank(s, x, weights, out.effect[n])
+        report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
         if any_alarm:
@@ -152,19 +151,27 @@ def keep_before(x: BankState, q: int) -> None:
 
 
 @compiled
-def summarise_bank(s: BankSettings, x: BankState, weights: Array, effect: Array) -> float:
-    """Sum ``weight * |estimate|`` over the effectors of each row (eq 23); return their least excitation."""
-    least = 1.0
+def report_effectors(s: BankSettings, x: BankState, b: Array, variance: Array, excitation: Array) -> None:
+    """Fill in the effectors' columns for the dither: estimates and variances (r, m), least excitation (m,).
+
+    A row that recovers from an alarm keeps the estimate from before; what a fault may have done to it counts as one
+    standard error of its own size at most, for a fault takes effect away and hardly ever adds any.
+    """
+    for j in range(excitation.shape[0]):
+        excitation[j] = 1.0
     for q in range(x.theta.shape[0]):
-        total = 0.0
-        info = x.info[x.group[q]]
-        for i in range(s.effectors_from, s.effectors_to):
-            total += weights[i - s.effectors_from] * abs(x.theta[q, i])
-            share = excitation_of(s, info[i + 1, s.recent], i + 1)
-            if share < least:
-                least = share
-        effect[q] = total
-    return least
+        g = x.group[q]
+        residual = residual_variance(x, q)
+        for j in range(excitation.shape[0]):
+            i = s.effectors_from + j
+            b[q, j] = x.theta[q, i]
+            square = residual / x.known[q, i + 1] if x.known[q, i + 1] > 0.0 else math.inf
+            if g > 0 and square > b[q, j] * b[q, j]:
+                square = b[q, j] * b[q, j]
+            variance[q, j] = square
+            share = excitation_of(s, x.info[g, i + 1, s.recent], i + 1)
+            if share < excitation[j]:
+                excitation[j] = share
 
 
 @compiled

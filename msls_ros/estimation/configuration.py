@@ -75,6 +75,15 @@ class Configuration:
             _check_length(f"dither.{name}", getattr(self.dither, name), m, "effector")
         _check_length("detector.floor_absolute", self.detector.floor_absolute, len(self.rows), "identified equation")
         _check_length("estimator.penalty_factors", self.estimator.penalty_factors, len(self.regressors), "regressor")
+        harmonics = math.floor(self.dither.multisine_high * self.dither.multisine_period) - max(
+            math.ceil(self.dither.multisine_low * self.dither.multisine_period), 1
+        )
+        if self.dither.sequence == "multisine" and harmonics + 1 < m:
+            message = (
+                f"parameters 'dither.multisine_*' leave {max(harmonics + 1, 0)} harmonics for {m} effectors; a longer "
+                "period or a wider band gives more"
+            )
+            raise EstimationError(message)
         if self.pairing_tolerance * self.sample_rate >= 0.5:
             message = (
                 f"parameter 'pairing_tolerance' is {self.pairing_tolerance:g}; it must be less than half a sample "

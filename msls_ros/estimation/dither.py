@@ -1,17 +1,12 @@
 """Active noise injection (ANI): small random effector activity that keeps B identifiable (eqs 20-23).
 
-The law solves eq 23 for the largest common rms ``Delta`` of the surfaces for which the worst-case acceleration at the
-pilot stays at its limit, 0.012 g rms at the nominal level and 0.04 g rms for a short time after an alarm::
-
-    a_p^2 = Delta^2 [ (S b_u)^2 + (S b_v + l2 S b_P + l1 S b_R)^2 + (S b_w + l1 S b_Q)^2 ]
-
-with ``S b_i`` the sum of absolute values of row i of B-hat. Each effector gets its own zero-mean random sequence,
-because effectors that the control law gangs together are otherwise inseparable. What the paper leaves out is here: the
-command is larger than what is wanted at the surface by the gain of the actuator; rates and positions are limited; an
-absolute cap holds whatever B-hat says, a lower one while B-hat is not excited; after a gap in the data the dither is
-zero.
-
-The sequences come from the raw stream of PCG64: equal seeds give equal bits on every machine.
+For each sample the law shares out the acceleration that is allowed at a station, 0.012 g rms at the nominal level and
+0.04 g rms for a short time after an alarm, among the effectors (`dither_allocation`). Each effector gets its own
+zero-mean sequence (`sequences`), because effectors that the control law gangs together are otherwise inseparable. What
+the paper leaves out is here: the command is larger than what is wanted at the surface by the gain of the actuator;
+rates and positions are limited in time as the stamps tell it (`dither_limits`); an absolute cap holds whatever B-hat
+says, a lower one for an effector that is not excited; the acceleration that B-hat predicts from the commands actually
+sent stays at its limit in every window of a second; after a gap in the data the dither is zero.
 """
 
 from __future__ import annotations
@@ -25,12 +20,43 @@ import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
+from msls_ros.estimation.dither_limits import (
+    ACHIEVED,
+    CAP,
+    CORNER,
+    LONGEST,
+    RATE,
+    SEQUENCE,
+    SHARE,
+    WEIGHT,
+    Effectors,
+    boost,
+    command_gain,
+    elapse,
+    left_of_window,
+    make_effectors,
+    move,
+    note_reached,
+    positions,
+    rows_of,
+    spend,
+)
+from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
+from msls_ros.estimation.sequences import CREST, WhiteNoise, multisine, multisines
 
-BLOCK = 1024
-CREST = math.sqrt(3.0)
-"""Peak over rms of a uniform sequence."""
+SLOWEST = 0.1
+"""An effector that is known to `dither.target_error` keeps at least this part of its share."""
+RELIEF = 1.0
+"""Time constant with which the share of a known effector goes down [s]."""
+LARGEST_EFFECT = 1e12
+"""A B-hat that holds more than this is not used: no sample has numbers of that size."""
+LARGE = 1e200
+"""More than any effect squared; keeps what is unknown and gets nothing finite."""
+START = 0.1
+"""An effector of which nothing is known gets at least this part of `dither.cap_unreliable`."""
 
 
 class Level(enum.IntEnum):
@@ -49,9 +75,9 @@ class Dither:
     delta: Array
     """(m,) what to add to the commands [rad]."""
     rms: float
-    """Common rms wanted at the surfaces, before weights [rad]."""
+    """Wanted at the surfaces: common, before weights (``equal``), or the rms over the effectors (``information``)."""
     predicted_acceleration: float
-    """Worst case at the pilot, eq 23 [g rms]."""
+    """At the station, by B-hat, what the actuators take away considered [g rms]; eq 23 for ``worst_case``."""
     acceleration_limit: float
     """Its limit at this level [g rms]."""
     level: Level
@@ -66,8 +92,10 @@ REASONS = (
     "capped by dither.cap",
     "eq 23",
     "the estimator is frozen",
+    "acceleration limit",
+    "known to dither.target_error",
 )
-DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN = range(len(REASONS))
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN = range(len(REASONS))
 
 
 class DitherBlock(NamedTuple):
@@ -95,168 +123,366 @@ class DitherBlock(NamedTuple):
 
 
 class Law(NamedTuple):
-    """What the compiled law needs to know."""
+    """What the compiled law needs to know; m effectors."""
 
     enabled: bool
     limit_nominal: float
     limit_boosted: float
     """[g]"""
     boost_duration: float
+    boost_budget: float
     stale_after: float
+    period: float
     """[s]"""
-    cap: float
     cap_unreliable: float
-    """Common rms [rad]."""
+    """Rms of a surface while its column is not excited, for a weight of 1 [rad]."""
     excitation: float
-    forward: float
-    above: float
-    """Pilot [m]."""
+    """Least excitation of a column that counts as excited [1]."""
+    known_error: float
+    """Relative error of what counts as known [1]."""
+    target_error: float
+    """Relative error to which an effector need be known; 0: as well as the limit allows [1]."""
+    worst_case: bool
+    information: bool
+    rest: float
+    """Square of an acceleration, integrated while the slowest actuator comes to rest, over the square at once [s]."""
+    activity_nominal: float
+    activity_boosted: float
+    """Largest rms rate of a surface by the dither; 0: not limited [rad/s]."""
+    station: Array
+    """(3,) l1, l2, l3 [m]."""
     rows: Integers
     """(6,) index of u, v, w, P, Q, R among the rows; negative where absent."""
-    limits: Array
-    """(m, 8) per effector, see `shape_noise`."""
+
+
+class Knowledge(NamedTuple):
+    """What the estimator says of B at each of n samples; r rows, m effectors."""
+
+    b: Array
+    """(n, r, m) estimates."""
+    variance: Array
+    """(n, r, m) their variances; infinite where nothing is known."""
+    excitation: Array
+    """(n, m) least excitation of each column in any row [1]."""
+    alarm: Integers
+    """(n, r) 1 where an abrupt change was declared."""
+
+
+class Comb(NamedTuple):
+    """Multisines, one for each of m effectors."""
+
+    period: float
+    """[s]; 0: none."""
+    frequencies: Array
+    """(m, h) [Hz]."""
+    phases: Array
+    """(m, h) [cycles]."""
+    origin: Array
+    """(1,) time at which they began [s]."""
 
 
 @compiled
-def pilot_acceleration(effect: Array, rows: Integers, forward: float, above: float) -> float:
-    """Worst-case rms acceleration at the pilot per rms of the surfaces, the square root of eq 23 [m/s^2/rad].
-
-    Parameters
-    ----------
-    effect
-        (r,) weighted sum of absolute values of each row of B-hat.
-    rows
-        (6,) index of the rows u, v, w, P, Q, R in ``effect``; negative where absent.
-    forward, above
-        l1 and l2, the pilot ahead of and above the centre of mass [m].
-    """
-    axial = effect[rows[0]] if rows[0] >= 0 else 0.0
-    lateral = effect[rows[1]] if rows[1] >= 0 else 0.0
-    normal = effect[rows[2]] if rows[2] >= 0 else 0.0
-    if rows[3] >= 0:
-        lateral += above * effect[rows[3]]
-    if rows[5] >= 0:
-        lateral += forward * effect[rows[5]]
-    if rows[4] >= 0:
-        normal += forward * effect[rows[4]]
-    return math.sqrt(axial * axial + lateral * lateral + normal * normal)
+def relative_error(b: Array, variance: Array, rows: Integers, j: int) -> float:
+    """Standard error of effector j's largest entry over the entry: of rows P, Q, R; of all where those are absent."""
+    angular = rows[3] >= 0 or rows[4] >= 0 or rows[5] >= 0
+    largest, error = 0.0, math.inf
+    for q in range(b.shape[0]):
+        if angular and q != rows[3] and q != rows[4] and q != rows[5]:
+            continue
+        if abs(b[q, j]) > largest:
+            largest = abs(b[q, j])
+            error = math.sqrt(variance[q, j]) / largest
+    return error
 
 
 @compiled
-def shape_noise(
-    noise: Array, rms: float, limits: Array, delta: Array, sequence: Array, surface: Array, out: Array
-) -> None:
-    """Turn one draw of unit-rms noise per effector into a command inside all limits, in place.
+def relieve(law: Law, x: Effectors, b: Array, variance: Array, alarmed: bool, dt: float) -> bool:
+    """Lower the shares of effectors that are known well enough, raise the others; whether all are lowered.
 
-    Parameters
-    ----------
-    noise
-        (m,) independent, zero mean, unit rms.
-    rms
-        Common rms wanted at the surfaces [rad].
-    limits
-        (m, 8) per effector: weight, command rms over surface rms, pole of the sequence, pole of the actuator, largest
-        |command - surface| that keeps the rate [rad], lowest and highest position [rad], largest |command| [rad].
-    delta
-        (m,) measured deflections [rad].
-    sequence, surface
-        (m,) state: the unit-rms sequence and the dither's share of the surface position [rad].
-    out
-        (m,) the command [rad].
+    An effector whose relative error is e gets closer to ``target_error`` with the power ``dt/RELIEF`` of their ratio;
+    an alarm restores all shares at once.
     """
-    for j in range(noise.shape[0]):
-        weight, gain, colour, pole, reach, low, high, most = limits[j]
-        sequence[j] = colour * sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
-        command = weight * rms * gain * sequence[j]
-        base = delta[j] - surface[j]
-        command = min(max(command, min(0.0, low - base)), max(0.0, high - base))
-        command = min(max(command, -most), most)
-        command = min(max(command, surface[j] - reach), surface[j] + reach)
-        surface[j] = pole * surface[j] + (1.0 - pole) * command
-        out[j] = command
+    lowered = law.target_error > 0.0
+    for j in range(x.relief.shape[0]):
+        if law.target_error <= 0.0 or alarmed:
+            x.relief[j] = 1.0
+            lowered = False
+            continue
+        ratio = relative_error(b, variance, law.rows, j) / law.target_error
+        step = min(max(ratio - 1.0, -1.0), 1.0) * min(dt / RELIEF, 1.0)
+        x.relief[j] = min(max(x.relief[j] * (1.0 + step), SLOWEST), 1.0)
+        if x.relief[j] >= 1.0:
+            lowered = False
+    return lowered
 
 
 @compiled
-def choose_rms(law: Law, unit: float, excitation: float, boosted: bool) -> tuple[float, int]:
-    """Largest common rms of the surfaces that keeps every limit (eq 23) [rad], and which limit binds.
+def set_caps(
+    law: Law, x: Effectors, b: Array, variance: Array, excitation: Array, boosted: bool, period: float, caps: Array
+) -> bool:
+    """Fill in the largest rms of each surface (m,) [rad]; return whether one is lower for want of excitation.
+
+    An effector gets the lower cap while it is neither excited now nor known: its largest entry to ``known_error``.
+    """
+    unexcited = False
+    raised = law.limit_boosted / law.limit_nominal if boosted and law.limit_nominal > 0.0 else 1.0
+    activity = law.activity_boosted if boosted else law.activity_nominal
+    for j in range(caps.shape[0]):
+        caps[j] = x.limits[j, CAP]
+        lower = law.cap_unreliable * raised * x.limits[j, WEIGHT]
+        unknown = law.worst_case or not relative_error(b, variance, law.rows, j) < law.known_error
+        if excitation[j] < law.excitation and lower < caps[j] and unknown:
+            caps[j] = lower
+            unexcited = True
+        if activity > 0.0:
+            caps[j] = min(caps[j], activity / rate_per_rms(x, j, period))
+    return unexcited
+
+
+@compiled
+def rate_per_rms(x: Effectors, j: int, period: float) -> float:
+    """Rms rate of a surface over its rms [1/s]: of a first-order lag, or of its steps where there is no actuator."""
+    corner = x.limits[j, CORNER]
+    if corner <= 0.0:
+        return math.sqrt(2.0) / period
+    gain = command_gain(x, j, period)
+    pole = x.pole[j, 1]
+    colour = exponential(-x.limits[j, SEQUENCE] * period) if x.limits[j, SEQUENCE] > 0.0 else 0.0
+    together = gain * gain * (1.0 - pole) * colour / (1.0 - pole * colour)
+    return float(corner * math.sqrt(max(gain * gain + 1.0 - 2.0 * together, 0.0)))
+
+
+@compiled
+def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: Array) -> tuple[float, bool]:
+    """Fill in ``x.wanted``, the rms of each surface (m,) [rad] within limit and caps.
 
     Parameters
     ----------
-    law
-        Limits.
-    unit
-        Worst-case acceleration at the pilot per rms of the surfaces [g/rad].
-    excitation
-        Least excitation of an effector's column [1].
-    boosted
-        An alarm was a short time ago.
+    law, x
+        The law and its effectors.
+    b
+        (r, m) B-hat.
+    limit
+        Acceleration [m/s^2 rms].
+    square, caps
+        (m,) ``E[g_j^2]`` and the largest rms of each surface.
+
+    Returns
+    -------
+    tuple
+        The common rms before weights, or the rms over the effectors [rad], and whether the limit binds.
     """
-    if not math.isfinite(unit):
-        return 0.0, NOT_FINITE
-    limit = law.limit_boosted if boosted else law.limit_nominal
-    rms, why = law.cap, CAPPED
-    if excitation < law.excitation:
-        raised = limit / law.limit_nominal if law.limit_nominal > 0.0 else 1.0
-        if law.cap_unreliable * raised < rms:
-            rms, why = law.cap_unreliable * raised, NOT_EXCITED
-    if unit * rms > limit:
-        rms, why = limit / unit, EQUATION_23
-    return rms, why
+    m = caps.shape[0]
+    weights = x.limits[:, WEIGHT]
+    if not law.worst_case:
+        binds = allocate(square, weights, caps, limit, law.information, x.wanted)
+        total = 0.0
+        for j in range(m):
+            total += x.wanted[j] * x.wanted[j]
+        return math.sqrt(total / m) if m > 0 else 0.0, binds
+    # one common rms for all: the smallest that a cap or eq 23 allows
+    common = math.inf
+    for j in range(m):
+        if weights[j] > 0.0:
+            common = min(common, caps[j] / weights[j])
+    unit = worst_case(b, weights, law.rows, law.station)
+    binds = unit * common > limit
+    if binds:
+        common = limit / unit
+    for j in range(m):
+        x.wanted[j] = weights[j] * common if weights[j] > 0.0 else 0.0
+    return common if math.isfinite(common) else 0.0, binds
+
+
+@compiled
+def modelled_square(law: Law, x: Effectors, b: Array, ahead: bool, scratch: Array) -> float:
+    """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
+
+    Now, or ``ahead`` by the longest interval of late, in which the last commands are held.
+    """
+    axial = lateral = normal = 0.0
+    for j in range(x.surface.shape[0]):
+        felt(b, law.rows, law.station, j, scratch)
+        surface = x.surface[j]
+        if ahead:
+            corner = x.limits[j, CORNER]
+            pole = exponential(-corner * x.clock[LONGEST]) if corner > 0.0 else 0.0
+            surface += (1.0 - pole) * (x.command[j] - surface)
+        axial += scratch[0] * surface
+        lateral += scratch[1] * surface
+        normal += scratch[2] * surface
+    return axial * axial + lateral * lateral + normal * normal
+
+
+@compiled
+def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Array, scratch: Array) -> bool:
+    """Fill in ``E[g_j^2]`` (m,); return whether all of B is finite.
+
+    Where the variance is so large that an effector would get next to nothing it counts less, so that there is always
+    something to learn from: ``START`` of the cap of an effector that is not excited.
+    """
+    m = square.shape[0]
+    limit = law.limit_nominal * GRAVITY / math.sqrt(m)
+    finite = True
+    for j in range(m):
+        for q in range(b.shape[0]):
+            if not abs(b[q, j]) < LARGEST_EFFECT:
+                finite = False
+        felt(b, law.rows, law.station, j, scratch)
+        known = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
+        square[j] = expected_square(b, variance, law.rows, law.station, j, scratch)
+        least = START * law.cap_unreliable * x.limits[j, WEIGHT]
+        if least > 0.0 and not square[j] * least * least < limit * limit:
+            square[j] = max(limit * limit / (least * least), known)
+        if not square[j] < LARGE:
+            square[j] = LARGE
+    return finite
 
 
 @compiled
 def inject(
     law: Law,
+    x: Effectors,
     time: Array,
-    effect: Array,
-    excitation: Array,
-    alarm: Integers,
+    known: Knowledge,
     delta: Array,
     noise: Array,
-    clock: Array,
-    sequence: Array,
-    surface: Array,
+    comb: Comb,
+    scratch: Array,
     out: DitherBlock,
 ) -> None:
     """Fill ``out`` with the dithers that answer n samples.
 
     Parameters
     ----------
-    law
-        Limits.
-    time, effect, excitation, alarm, delta, noise
-        Per sample: time [s], (n, r) effect of the effectors per row, least excitation, alarms per row (n, r), measured
-        deflections [rad], unit-rms noise.
-    clock
-        (2,) state: time of the last sample, end of the boost [s].
-    sequence, surface
-        (m,) state, see `shape_noise`.
+    law, x
+        The law and its effectors.
+    time
+        (n,) [s].
+    known
+        What is known of B at each sample.
+    delta
+        (n, m) measured deflections [rad].
+    noise
+        (n, m) independent, zero mean, unit rms; not read where there are multisines.
+    comb
+        Of the multisines.
+    scratch
+        (4, m + 3).
     out
         Per sample.
     """
+    m = delta.shape[1]
+    square, caps, wave, three = scratch[0, :m], scratch[1, :m], scratch[2, :m], scratch[3, :3]
     for k in range(time.shape[0]):
-        gap = time[k] - clock[0]
-        clock[0] = time[k]
-        for q in range(alarm.shape[1]):
-            if alarm[k, q] != 0:
-                clock[1] = time[k] + law.boost_duration
-        stale = math.isfinite(gap) and gap > law.stale_after
+        dt = elapse(x, time[k], law.period, law.stale_after)
+        alarmed = False
+        for q in range(known.alarm.shape[1]):
+            if known.alarm[k, q] != 0:
+                alarmed = True
+        boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
+        stale = dt > law.stale_after
         if stale or not law.enabled:
             out.level[k] = 3 if law.enabled else 0
             out.reason[k] = GAP if law.enabled else DISABLED
-            for j in range(surface.shape[0]):
-                surface[j] *= law.limits[j, 3]
+            for j in range(m):
+                x.command[j] = 0.0
             continue
-        boosted = time[k] < clock[1]
-        unit = pilot_acceleration(effect[k], law.rows, law.forward, law.above) / GRAVITY
-        rms, why = choose_rms(law, unit, excitation[k], boosted)
-        shape_noise(noise[k], rms, law.limits, delta[k], sequence, surface, out.delta[k])
-        out.rms[k] = rms
+        period = min(dt, law.stale_after)
         limit = law.limit_boosted if boosted else law.limit_nominal
-        out.predicted_acceleration[k] = min(unit * rms, limit) if rms > 0.0 else 0.0
+        b, variance = known.b[k], known.variance[k]
         out.acceleration_limit[k] = limit
         out.level[k] = 2 if boosted else 1
-        out.reason[k] = why
+        if not weigh_entries(law, x, b, variance, square, three):
+            out.reason[k] = NOT_FINITE
+            for j in range(m):
+                x.command[j] = 0.0
+            continue
+        unexcited = set_caps(law, x, b, variance, known.excitation[k], boosted, period, caps)
+        out.rms[k], binds = choose(law, x, b, limit * GRAVITY, square, caps)
+        lowered = relieve(law, x, b, variance, alarmed, dt)
+        unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if limit > 0.0 and not law.worst_case else 0.0
+        factor = spend(x, time[k], dt, unit * modelled_square(law, x, b, False, three)) if unit > 0.0 else 1.0
+        waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
+        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k])
+        if unit > 0.0:
+            hold_back(law, x, b, unit, delta[k], dt, three, out.delta[k])
+        if law.worst_case:
+            predicted = worst_case(b, x.wanted, law.rows, law.station)
+        out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
+        out.reason[k] = reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def reason(law: Law, binds: bool, unexcited: bool, lowered: bool) -> int:
+    """Return the index into `REASONS` of what decides the rms."""
+    if lowered:
+        return KNOWN
+    if unexcited and not binds:
+        return NOT_EXCITED
+    if not binds:
+        return CAPPED
+    return EQUATION_23 if law.worst_case else ACCELERATION
+
+
+@compiled
+def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
+    """Fill in the multisines now (m,); return whether there are any."""
+    if comb.period <= 0.0:
+        return False
+    if not math.isfinite(comb.origin[0]):
+        comb.origin[0] = time
+    multisine(time - comb.origin[0], comb.frequencies, comb.phases, corners, out)
+    return True
+
+
+@compiled
+def hold_back(
+    law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
+) -> None:
+    """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window.
+
+    The square of the acceleration over that interval counts as the mean of now and then, and what comes after it as
+    that of surfaces that come to rest.
+    """
+    then = unit * modelled_square(law, x, b, True, scratch)
+    half = 0.5 * x.clock[LONGEST]
+    left = left_of_window(x, x.clock[LONGEST] + 2.0 * law.rest)
+    allowed = (left - half * x.clock[SHARE]) / (half + law.rest)
+    if then <= allowed:
+        return
+    factor = math.sqrt(max(allowed, 0.0) / then)
+    for j in range(out.shape[0]):
+        out[j] = move(x, j, factor * out[j], delta[j], dt)
+
+
+@compiled
+def send(
+    x: Effectors,
+    delta: Array,
+    noise: Array,
+    wave: Array,
+    waves: bool,
+    factor: float,
+    dt: float,
+    square: Array,
+    out: Array,
+) -> float:
+    """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2]."""
+    decay = exponential(-dt / ACHIEVED)
+    predicted = 0.0
+    for j in range(out.shape[0]):
+        x.wanted[j] *= x.relief[j]
+        reached = note_reached(x, j, decay)
+        predicted += square[j] * x.wanted[j] * x.wanted[j] * reached
+        corner = x.limits[j, SEQUENCE]
+        colour = exponential(-corner * dt) if corner > 0.0 else 0.0
+        x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
+        unit = wave[j] if waves else command_gain(x, j, dt) * x.sequence[j]
+        most = CREST * x.limits[j, CAP] * (command_gain(x, j, dt) if not waves else 2.0)
+        wanted = min(max(factor * x.wanted[j] * unit, -most), most)
+        out[j] = move(x, j, wanted, delta[j], dt)
+    return math.sqrt(predicted)
 
 
 class DitherLaw:
@@ -270,81 +496,93 @@ class DitherLaw:
 
     def __init__(self, configuration: Configuration) -> None:
         """Prepare limits and sequences; see the class."""
-        rows = [configuration.rows.index(s) if s in configuration.rows else -1 for s in "uvwPQR"]
-        self._rows = np.array(rows, np.int64)
+        self._rows = rows_of(configuration.rows)
         self._effectors = len(configuration.effectors)
         self._seed = configuration.dither.seed
+        self._scratch = np.zeros((4, self._effectors + 3))
         self.configure(configuration)
         self.reset()
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; the sequences go on."""
         p = configuration.dither
-        self.weights = np.array(p.weights or (1.0,) * self._effectors)
-        heaviest = float(self.weights.max()) if self._effectors else 0.0
-        share = 1.0 / heaviest if heaviest > 0.0 else 0.0
+        self._limits = _limits(configuration)
         self._law = Law(
             enabled=p.enabled,
             limit_nominal=p.limit_nominal,
             limit_boosted=p.limit_boosted,
             boost_duration=p.boost_duration,
+            boost_budget=p.boost_budget,
             stale_after=p.stale_after,
-            cap=p.cap * share,
-            cap_unreliable=p.cap_unreliable * share,
+            period=1.0 / configuration.sample_rate,
+            cap_unreliable=p.cap_unreliable,
             excitation=configuration.reliability.excitation,
-            forward=p.pilot_forward,
-            above=p.pilot_above,
+            known_error=configuration.reliability.relative_error,
+            target_error=p.target_error,
+            worst_case=p.acceleration == "worst_case",
+            information=p.allocation == "information",
+            rest=0.5 / min(p.actuator_bandwidth) if p.actuator_bandwidth else 0.0,
+            activity_nominal=p.activity_nominal,
+            activity_boosted=p.activity_boosted,
+            station=np.array([p.pilot_forward, p.pilot_above, p.pilot_right]),
             rows=self._rows,
-            limits=_limits(configuration, self.weights),
         )
+        self._multisine = (p.sequence == "multisine", p.multisine_period, p.multisine_low, p.multisine_high)
+        if hasattr(self, "_state"):
+            self._state.limits[:] = self._limits
 
     def reset(self) -> None:
         """Start the sequences anew from the seed."""
-        self._generator = np.random.PCG64(self._seed)
-        self._noise = np.zeros((0, self._effectors))
-        self._sequence = np.zeros(self._effectors)
-        self._surface = np.zeros(self._effectors)
-        self._clock = np.array([-math.inf, -math.inf])
-
-    def commands(self, time: Array, effect: Array, excitation: Array, alarm: Integers, delta: Array) -> DitherBlock:
-        """Return the dithers that answer n samples; see `inject` for the arguments."""
-        out = self.silence(len(time))
-        noise = self._draw(len(time))
-        inject(
-            self._law, time, effect, excitation, alarm, delta, noise, self._clock, self._sequence, self._surface, out
+        self._noise = WhiteNoise(self._effectors, self._seed)
+        wanted, period, low, high = self._multisine
+        empty = np.zeros((self._effectors, 1))
+        frequencies, phases = (
+            multisines(self._effectors, period, low, high, self._seed) if wanted else (empty, empty.copy())
         )
+        self._comb = Comb(period if wanted else 0.0, frequencies, phases, np.array([math.nan]))
+        self._state = make_effectors(self._limits.copy(), 0.5 * self._law.boost_budget)
+
+    def commands(self, time: Array, known: Knowledge, delta: Array) -> DitherBlock:
+        """Return the dithers that answer n samples.
+
+        Parameters
+        ----------
+        time
+            (n,) [s].
+        known
+            What is known of B after each.
+        delta
+            (n, m) measured deflections [rad].
+        """
+        out = self._zeros(len(time))
+        noise = self._noise.draw(len(time))
+        inject(self._law, self._state, time, known, delta, noise, self._comb, self._scratch, out)
         return out
 
-    def silence(self, count: int) -> DitherBlock:
-        """Return zero dithers for that many samples, for a frozen estimator; the sequences stand still."""
+    def silence(self, time: Array) -> DitherBlock:
+        """Return zero dithers for a frozen estimator; the surfaces come to rest, the sequences stand still."""
+        for one in time:
+            elapse(self._state, float(one), self._law.period, self._law.stale_after)
+            self._state.command[:] = 0.0
+        return self._zeros(len(time))
+
+    def _zeros(self, count: int) -> DitherBlock:
         zero = np.zeros(count)
-        level, reason = np.zeros(count, np.int64), np.empty(count, np.int64)
-        reason.fill(FROZEN)
-        return DitherBlock(np.zeros((count, self._effectors)), zero, zero.copy(), zero.copy(), level, reason)
-
-    def _draw(self, count: int) -> Array:
-        """Return (count, m) noise: uniform, zero mean, unit rms; the same stream however it is asked for."""
-        while len(self._noise) < count:
-            raw = self._generator.random_raw(BLOCK * self._effectors) >> np.uint64(11)
-            uniform: Array = raw.astype(np.float64) * 2.0**-52 - 1.0
-            self._noise = np.concatenate([self._noise, (uniform * CREST).reshape(BLOCK, self._effectors)])
-        drawn, self._noise = self._noise[:count], self._noise[count:]
-        return drawn
+        level, why = np.zeros(count, np.int64), np.empty(count, np.int64)
+        why.fill(FROZEN)
+        return DitherBlock(np.zeros((count, self._effectors)), zero, zero.copy(), zero.copy(), level, why)
 
 
-def _limits(configuration: Configuration, weights: Array) -> Array:
-    """Per effector the row of limits that `shape_noise` takes."""
-    p = configuration.dither
-    step = 1.0 / configuration.sample_rate
-    colour = math.exp(-2.0 * math.pi * p.bandwidth * step) if p.bandwidth > 0.0 else 0.0
-    rows = []
-    for j, weight in enumerate(weights):
-        pole = math.exp(-p.actuator_bandwidth[j] * step) if p.actuator_bandwidth else 0.0
-        gain = math.sqrt((1.0 + pole) * (1.0 - colour * pole) / ((1.0 - pole) * (1.0 + colour * pole)))
-        reach = math.inf
-        if p.rate_limit:
-            reach = p.rate_limit[j] * (1.0 / p.actuator_bandwidth[j] if p.actuator_bandwidth else step)
-        low = p.position_low[j] if p.position_low else -math.inf
-        high = p.position_high[j] if p.position_high else math.inf
-        rows.append((weight, gain, colour, pole, reach, low, high, CREST * p.cap * gain))
-    return np.array(rows).reshape(-1, 8)
+def _limits(configuration: Configuration) -> Array:
+    """Per effector the columns of `dither_limits`."""
+    p, m = configuration.dither, len(configuration.effectors)
+    weights = np.array(p.weights or (1.0,) * m)
+    heaviest = float(weights.max()) if m else 0.0
+    found = np.zeros((m, 7))
+    found[:, WEIGHT] = weights / heaviest if heaviest > 0.0 else 0.0
+    found[:, CORNER] = p.actuator_bandwidth or 0.0
+    found[:, SEQUENCE] = 2.0 * math.pi * p.bandwidth
+    found[:, RATE] = p.rate_limit or math.inf
+    found[:, 4:6] = positions(p.position_low, p.position_high, m)
+    found[:, CAP] = p.cap
+    return found

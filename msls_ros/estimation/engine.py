@@ -5,23 +5,20 @@ from __future__ import annotations
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.settings import loop_settings
 
 Engine = Regression | BankRegression
 
 
-def make_engine(c: Configuration, weights: Array) -> Engine:
+def make_engine(c: Configuration) -> Engine:
     """Return the engine that a configuration asks for.
 
     Parameters
     ----------
     c
         All parameters.
-    weights
-        Dither weight of each effector.
     """
     if c.estimator.method == "bank":
-        return BankRegression(bank_settings(c), len(c.rows), weights)
-    return Regression(loop_settings(c), len(c.rows), weights)
+        return BankRegression(bank_settings(c), len(c.rows))
+    return Regression(loop_settings(c), len(c.rows))

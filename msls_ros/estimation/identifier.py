@@ -17,7 +17,7 @@ from msls_ros.estimation import configuration as _configuration
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Level
+from msls_ros.estimation.dither import Dither, DitherBlock, DitherLaw, Knowledge, Level
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
@@ -26,7 +26,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
-from msls_ros.estimation.state import COLOURS, make_output
+from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
 LARGEST = 1e12
@@ -64,7 +64,7 @@ class Identifier:
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
         self._supervisor = Supervisor(c)
-        self._regression = make_engine(c, self._law.weights)
+        self._regression = make_engine(c)
         self._assembly = Assembly(c, self._regression)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
@@ -140,7 +140,6 @@ class Identifier:
         self._regression.configure(self.configuration)
         self._follow()
         self._assembly = Assembly(self.configuration, self._regression)
-        self._regression.weights = self._law.weights
 
     def _follow(self) -> None:
         self._regression.follow(*self._followed)
@@ -300,13 +299,13 @@ class Identifier:
         """
         count = len(time)
         if not self._enabled:
-            block = self._law.silence(count)
+            block = self._law.silence(time)
             self._dither = block.at(count - 1)
             return block, np.full(count, self.followed)
         self._observe_states(time, x, xdot)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
-        out = make_output(count, len(self._kept))
+        out = self._regression.make_output(count)
         done = 0
         while done < count:
             stop = done + 1 if self._supervisor.watching else count
@@ -316,7 +315,8 @@ class Identifier:
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)
         self._error = out.e[count - 1]
-        block = self._law.commands(time, out.effect, out.excitation, out.alarm, delta)
+        known = Knowledge(out.b, out.b_variance, out.excitation, out.alarm)
+        block = self._law.commands(time, known, delta)
         self._dither = block.at(count - 1)
         return block, out.followed
 

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -79,16 +78,13 @@ class Regression:
         See `Settings`.
     rows
         r.
-    weights
-        What each effector's estimate counts for in ``Output.effect``; empty where there are no effectors.
     """
 
-    def __init__(self, settings: Settings, rows: int, weights: Sequence[float] | Array = ()) -> None:
+    def __init__(self, settings: Settings, rows: int) -> None:
         """Allocate and clear; see the class."""
         p = settings.penalty.shape[0]
         self.settings = settings
         self.state = make_state(settings, rows)
-        self.weights = np.array(weights, dtype=np.float64)
         self._work = make_work(p, len(settings.colours))
         self._w0 = np.zeros(p)
         self.reset()
@@ -145,8 +141,12 @@ class Regression:
         tuple
             How many were taken, and what happened at each.
         """
-        out = make_output(len(phi), y.shape[1])
+        out = self.make_output(len(phi))
         return self.advance_into(out, phi, y, 0, len(phi)), out
+
+    def make_output(self, samples: int) -> Output:
+        """Allocate what `advance_into` says of that many samples."""
+        return make_output(samples, len(self.theta), self.settings.effectors_to - self.settings.effectors_from)
 
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on, as `advance`; return the index after the last one taken.
@@ -160,7 +160,7 @@ class Regression:
         start, stop
             Of the samples to take.
         """
-        return advance(self.settings, self.state, phi, y, start, stop, self.weights, self._work, self._w0, out)
+        return advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
 
     def run(self, phi: Array, y: Array) -> tuple[Array, Array, Integers]:
         """Take all samples; return the estimates, their standard errors and the alarms after each.

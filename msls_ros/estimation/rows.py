@@ -31,7 +31,6 @@ def advance(
     y: Array,
     start: int,
     stop: int,
-    weights: Array,
     work: Work,
     w0: Array,
     out: Output,
@@ -46,8 +45,6 @@ def advance(
         (n, p) regressors and (n, r) outputs, finite.
     start, stop
         Which samples to take.
-    weights
-        Dither weight of each effector.
     work, w0
         Scratch.
     out
@@ -69,7 +66,7 @@ def advance(
             follow_reference(s, x, phi[n], y[n], w0, work)
         merge(s, x)
         x.samples[0] += 1
-        out.excitation[n] = summarise(s, x, weights, out.effect[n])
+        report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
         if any_alarm:
@@ -178,14 +175,23 @@ def merge(s: Settings, x: State) -> None:
 
 
 @compiled
-def summarise(s: Settings, x: State, weights: Array, effect: Array) -> float:
-    """Sum ``weight * |estimate|`` over the effectors of each row (eq 23); return their least excitation."""
-    least = 1.0
+def report_effectors(s: Settings, x: State, b: Array, variance: Array, excitation: Array) -> None:
+    """Fill in the effectors' columns for the dither: estimates and variances (r, m), least excitation (m,).
+
+    A row that recovers from an alarm keeps the estimate from before; what a fault may have done to it counts as one
+    standard error of its own size at most, for a fault takes effect away and hardly ever adds any.
+    """
+    for j in range(excitation.shape[0]):
+        excitation[j] = 1.0
     for q in range(x.theta.shape[0]):
-        total = 0.0
-        for i in range(s.effectors_from, s.effectors_to):
-            total += weights[i - s.effectors_from] * abs(x.theta[q, i])
-            if x.rho[x.group[q], i] < least:
-                least = x.rho[x.group[q], i]
-        effect[q] = total
-    return least
+        g = x.group[q]
+        residual = x.residual[q, 0] / x.weight[q, 0] if x.weight[q, 0] > 0.0 else math.inf
+        for j in range(excitation.shape[0]):
+            i = s.effectors_from + j
+            b[q, j] = x.theta[q, i]
+            square = residual * x.P[g, 0, i, i]
+            if g > 0 and square > b[q, j] * b[q, j]:
+                square = b[q, j] * b[q, j]
+            variance[q, j] = square
+            if x.rho[g, i] < excitation[j]:
+                excitation[j] = x.rho[g, i]

@@ -191,14 +191,61 @@ class DitherParameters:
     limit_boosted: float = parameter(
         0.04, "the same after an alarm; MIL-F-8785C allows 0.05", unit="g", low=0.0, high=0.05
     )
+    acceleration: str = parameter(
+        "worst_case",
+        "what the limit is held against: rms (independent sequences add their squares) or worst_case (eq 23, literal: "
+        "one common rms, three times less dither)",
+        choices=("rms", "worst_case"),
+    )
+    allocation: str = parameter(
+        "equal",
+        "shares of the effectors: information (equal shares of the square: most information about B) or equal (rms)",
+        choices=("information", "equal"),
+    )
+    target_error: float = parameter(
+        0.0,
+        "relative standard error of its largest entry to which an effector need be known: its share goes down when it "
+        "is known better; 0: all that the limit allows",
+        low=0.0,
+        high=10.0,
+    )
     boost_duration: float = parameter(1.0, "how long after an alarm", unit="s", low=0.0, high=60.0)
-    pilot_forward: float = parameter(3.6576, "l1: pilot ahead of the centre of mass", unit="m", low=-100.0, high=100.0)
-    pilot_above: float = parameter(0.841248, "l2: pilot above the centre of mass", unit="m", low=-100.0, high=100.0)
+    boost_budget: float = parameter(
+        10.0, "boost in any minute at most, whatever alarms come", unit="s", low=0.0, high=60.0
+    )
+    pilot_forward: float = parameter(
+        3.6576, "l1: pilot (or payload) ahead of the centre of mass", unit="m", low=-100.0, high=100.0
+    )
+    pilot_above: float = parameter(0.841248, "l2: above the centre of mass", unit="m", low=-100.0, high=100.0)
+    pilot_right: float = parameter(0.0, "to the right of the centre of mass", unit="m", low=-100.0, high=100.0)
+    activity_nominal: float = parameter(
+        0.0,
+        "largest rms rate of a surface by the dither, nominal level; 0: not limited. For aircraft without a pilot",
+        unit="rad/s",
+        low=0.0,
+        high=10.0,
+    )
+    activity_boosted: float = parameter(0.0, "the same after an alarm", unit="rad/s", low=0.0, high=10.0)
     weights: tuple[float, ...] = parameter(
-        (), "share of the common rms per effector; empty: all 1", low=0.0, high=100.0
+        (), "multiplies the share of each effector; empty: all 1", low=0.0, high=100.0
+    )
+    sequence: str = parameter(
+        "white",
+        "white (uniform noise, see bandwidth) or multisine (orthogonal, phases for a low peak)",
+        choices=("white", "multisine"),
+        in_flight=False,
     )
     bandwidth: float = parameter(
         0.0, "corner of the random sequences; 0: white at the sample rate", unit="Hz", low=0.0, high=1e4
+    )
+    multisine_period: float = parameter(
+        10.0, "after which the multisines repeat", unit="s", low=0.1, high=1e4, in_flight=False
+    )
+    multisine_low: float = parameter(
+        0.2, "lowest frequency of the multisines", unit="Hz", low=0.0, high=1e4, in_flight=False
+    )
+    multisine_high: float = parameter(
+        8.0, "highest frequency of the multisines", unit="Hz", low=0.0, high=1e4, in_flight=False
     )
     cap: float = parameter(0.0175, "largest rms per effector, whatever B says", unit="rad", low=0.0, high=0.5)
     cap_unreliable: float = parameter(

@@ -152,10 +152,12 @@ class Output(NamedTuple):
     """(n, r) short/long; 0 where the detector is not armed."""
     alarm: Integers
     """(n, r) 1 where an abrupt change is declared."""
-    effect: Array
-    """(n, r) sum over the effectors of weight * |estimate| (eq 23)."""
+    b: Array
+    """(n, r, m) estimates of the effectors' columns."""
+    b_variance: Array
+    """(n, r, m) their variances for white residuals; infinite before there is any data."""
     excitation: Array
-    """(n,) least excitation of an effector in any group."""
+    """(n, m) least excitation of each effector in any group."""
     followed: Array
     """(n,) one estimate after each sample; NaN where none is followed."""
 
@@ -199,13 +201,13 @@ def make_state(settings: Settings, rows: int) -> State:
     )
 
 
-def make_output(samples: int, rows: int) -> Output:
+def make_output(samples: int, rows: int, effectors: int) -> Output:
     """Allocate what `advance` says of that many samples."""
-    shape = (samples, rows)
+    shape, columns = (samples, rows), (samples, rows, effectors)
     followed = np.empty(samples)
     followed.fill(math.nan)
-    e, statistic, alarm, effect = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64), np.zeros(shape)
-    return Output(e, statistic, alarm, effect, np.zeros(samples), followed)
+    e, statistic, alarm = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64)
+    return Output(e, statistic, alarm, np.zeros(columns), np.zeros(columns), np.zeros((samples, effectors)), followed)
 
 
 @compiled

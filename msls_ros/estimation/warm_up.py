@@ -80,6 +80,9 @@ def _fly(configuration: Configuration) -> None:
     identifier.reset()
     identifier.follow(configuration.rows[0], configuration.effectors[0])
     identifier.run(t, x, xdot, delta, 7)
+    identifier.enabled = False
+    identifier.learn(float(t[-1]) + step, x[-1], xdot[-1], delta[-1])
+    identifier.enabled = True
     p = len(configuration.regressors)
     identifier.warm_start(np.zeros((n, n)), b, np.zeros(n), np.eye(p))
     identifier.update(float(t[0]), x[0], xdot[0], delta[0])

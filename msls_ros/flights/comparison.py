@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -107,10 +108,18 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
 
 
 def _dither(c: Comparison) -> dict[str, float]:
-    """Return the dither's numbers; the realised rms over the nominal and over the boosted samples."""
+    """Return the dither's numbers; the realised rms over the nominal and over the boosted samples.
+
+    ``realised_of_limit_1s_max`` is the largest rms over 1 s of the realised acceleration over its limit.
+    """
     total = np.linalg.norm(c.realised, axis=1)
     nominal, boosted = ~c.boosted, c.boosted
+    shares = np.square(total / np.where(c.limit > 0.0, c.limit, math.inf))
+    width = min(max(round(1.0 / float(np.median(np.diff(c.time)))), 1), len(shares))
+    windows = np.convolve(shares, np.full(width, 1.0 / width), "valid")
     return {
+        "realised_of_limit": math.sqrt(float(shares.mean())),
+        "realised_of_limit_1s_max": math.sqrt(float(windows.max())),
         "predicted_g_max": float(c.predicted.max()),
         "predicted_g_max_nominal": float(c.predicted[nominal].max()),
         "realised_g_rms": rms(total[nominal]),

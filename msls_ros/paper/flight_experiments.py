@@ -48,6 +48,8 @@ LITERAL_DETECTOR: Mapping[str, Any] = {
     "detector.threshold": 20.0,
 }
 """The paper's settings of the detector on the F-16."""
+LITERAL_DITHER: Mapping[str, Any] = {"dither.acceleration": "worst_case", "dither.allocation": "equal"}
+"""Eq 23 as it stands: the flights of the paper are flown with its dither."""
 
 
 def exciting_manoeuvre(alpha_period: float = 1.0) -> StrongManoeuvre:
@@ -62,7 +64,7 @@ def exciting_estimators() -> dict[str, Configuration]:
     """
     known, literal = (
         read_profile(name).replace(
-            {"sample_rate": float(EXCITING_RATES.sensors), "estimator.penalty": EXCITING_PENALTY}
+            {"sample_rate": float(EXCITING_RATES.sensors), "estimator.penalty": EXCITING_PENALTY, **LITERAL_DITHER}
         )
         for name in ("f16_high_alpha", "paper_literal")
     )
@@ -234,7 +236,7 @@ def fly_loss(noise: str, seed: int, dither: bool = True) -> Loss:
     dither
         Inject noise.
     """
-    configuration = SCENARIO.configuration(noise, seed, dither)
+    configuration = SCENARIO.configuration(noise, seed, dither).replace(LITERAL_DITHER)
     log = fly(configuration, SCENARIO.flight(noise, seed))
     peers = {name: log.identify(configuration.replace(changes)) for name, changes in PEERS.items()}
     compared = compare_log(log, peers, SCENARIO.watch)

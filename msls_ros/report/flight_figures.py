@@ -161,7 +161,7 @@ def plot_dither(
     names
         Of the effectors.
     predicted, limit
-        (n,) worst-case rms and its limit [g].
+        (n,) rms, and its limit [g].
     realised
         (n, 3) acceleration by the dither alone [g].
     faults, alarms
@@ -176,7 +176,7 @@ def plot_dither(
     width = max(1, round(1.0 / float(np.median(np.diff(time)))))
     moving = np.sqrt(np.convolve(np.square(realised).sum(axis=1), np.ones(width) / width, mode="same"))
     axes[1].plot(time, limit, color=TRUTH, linestyle="--", label="limit (rms)")
-    axes[1].plot(time, predicted, color=OURS, label="predicted, eq 23 (rms)")
+    axes[1].plot(time, predicted, color=OURS, label="predicted (rms)")
     axes[1].plot(time, moving, color=PEER, label="realised (rms over 1 s)")
     axes[1].set_ylabel("acceleration\nat the pilot [g]")
     axes[1].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))

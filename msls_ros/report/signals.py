@@ -114,7 +114,7 @@ def draw_dither(flight: Recorded, dither: Dither, changes: Sequence[TruthChange]
         line(axes[0], dither.time, np.degrees(dither.delta[:, j]), linewidth=0.8, label=name)
     axes[0].set_ylabel("dither commands [deg]")
     line(axes[1], dither.time, dither.limit, color=INK, linestyle="--", linewidth=1.4, label="limit (rms)")
-    line(axes[1], dither.time, dither.predicted, color=BLUE, label="predicted (rms), eq 23")
+    line(axes[1], dither.time, dither.predicted, color=BLUE, label="predicted (rms)")
     if dither.realised is not None:
         line(axes[1], dither.time, dither.realised, color=GREEN, label="realised (rms of 1 s)\nthrough the true B")
     axes[1].set_ylabel("acceleration\nat the pilot [g]")
@@ -123,7 +123,7 @@ def draw_dither(flight: Recorded, dither: Dither, changes: Sequence[TruthChange]
     for axis in axes:
         beside(axis, without_marks=axis is not axes[0])
     caption = (
-        "Above: the dither added to the commands. Below: the worst-case rms acceleration at the pilot predicted for "
+        "Above: the dither added to the commands. Below: the rms acceleration at the pilot predicted for "
         "it, and its limit."
     )
     return write(figure, "dither", "Dither against its limit", caption)

@@ -99,6 +99,7 @@ def test_the_dither_is_predicted_within_its_limits_and_felt_less(flights: Flight
     assert shown["predicted_g_max"] <= 0.04 + 1e-12
     assert 0.0 < shown["realised_g_rms"] <= 0.012
     assert 0.0 < shown["realised_g_rms_boosted"] <= 0.04
+    assert 0.0 < shown["realised_of_limit"] < shown["realised_of_limit_1s_max"] <= 1.1
 
 
 @pytest.mark.parametrize("seed", SEEDS["none"])

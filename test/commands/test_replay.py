@@ -34,7 +34,7 @@ def test_the_command_prints_one_json_value_and_nothing_else(tmp_path: Path, caps
     (summary,) = json.loads(out)
     assert (summary["samples"], summary["models"], summary["alarms"]) == (601, 60, 1)
     assert summary["events"][0]["kind"] == "detected" and summary["samples_per_s"] > 0
-    assert yaml.safe_load((tmp_path / "tail_fault" / "identifier.yaml").read_text()).keys() == {"identifier"}
+    assert yaml.safe_load((tmp_path / "tail_fault" / "identifier.yaml").read_text()).keys() == {"/**"}
 
 
 def test_several_bags_or_a_glob_end_with_a_table(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

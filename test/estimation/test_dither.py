@@ -1,7 +1,8 @@
-"""The dither law: no limit is ever passed, whatever B, alarms, gaps and deflections come."""
+"""The dither law: no limit is ever passed, whatever B, alarms, stamps and deflections come."""
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -9,17 +10,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msls_ros.estimation import Configuration, DitherBlock, DitherLaw, Level, from_mapping
-from msls_ros.estimation.dither import CREST, pilot_acceleration
+from msls_ros.estimation import Configuration, DitherBlock, DitherLaw, EstimationError, Level, from_mapping
+from msls_ros.estimation.dither import LARGEST_EFFECT, START, Knowledge
+from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
+from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
+from msls_ros.estimation.sequences import CREST, multisines, peak_factor
 
+M = 7
 LIMITED = {
-    "dither.actuator_bandwidth": [20.0] * 7,
+    "dither.actuator_bandwidth": [20.0] * M,
     "dither.rate_limit": [1.0, 2.0, 1.0, 1.4, 1.4, 0.8, 0.8],
-    "dither.position_low": [-0.4] * 7,
-    "dither.position_high": [0.4] * 7,
-    "dither.weights": [1.0, 0.5, 2.0, 1.0, 0.0, 1.0, 1.0],
+    "dither.position_low": [-0.4] * M,
+    "dither.position_high": [0.4] * M,
+    "dither.acceleration": "rms",
+    "dither.allocation": "information",
 }
+LITERAL = {"acceleration": "worst_case", "allocation": "equal"}
+ROWS = np.arange(6)
 
 
 def law(**changes: object) -> tuple[DitherLaw, Configuration]:
@@ -27,73 +35,151 @@ def law(**changes: object) -> tuple[DitherLaw, Configuration]:
     return DitherLaw(configuration), configuration
 
 
-def drive(
-    dither: DitherLaw,
-    n: int,
-    effect: np.ndarray,
-    excitation: float = 1.0,
-    alarms: tuple[int, ...] = (),
-    step: float = 0.02,
-) -> DitherBlock:
+def known(n: int, b: Array, std: float = 0.0, excitation: float = 1.0, alarms: tuple[int, ...] = ()) -> Knowledge:
+    """Return what is known of B (6, m) at n samples; ``std`` is relative to each entry."""
     alarm = np.zeros((n, 6), np.int64)
     alarm[list(alarms), 3] = 1
-    time = step * np.arange(n, dtype=np.float64)
-    return dither.commands(time, np.tile(effect, (n, 1)), np.full(n, excitation), alarm, np.zeros((n, 7)))
+    m = b.shape[1]
+    with np.errstate(all="ignore"):
+        square = np.square(std * b)
+    variance = square if math.isfinite(std) else np.full(b.shape, math.inf)
+    return Knowledge(np.tile(b, (n, 1, 1)), np.tile(variance, (n, 1, 1)), np.full((n, m), excitation), alarm)
 
 
-EFFECT = np.array([1.0, 2.0, 3.0, 4.0, 5.0, 2.0])
+def clock(n: int, step: float = 0.02) -> Array:
+    return step * np.arange(n, dtype=np.float64)
+
+
+def drive(dither: DitherLaw, knowledge: Knowledge, step: float = 0.02) -> DitherBlock:
+    n, _, m = knowledge.b.shape
+    return dither.commands(clock(n, step), knowledge, np.zeros((n, m)))
+
+
+def aircraft(seed: int = 0, m: int = M) -> Array:
+    """Return a B (6, m) of the size of a real one."""
+    scale = np.array([1.0, 3.0, 8.0, 3.0, 1.5, 1.0])[:, None]
+    return scale * np.random.default_rng(seed).standard_normal((6, m))
+
+
+def accelerations(b: Array, surfaces: Array, c: Configuration) -> Array:
+    """Return the acceleration (n, 3) at the pilot by the surfaces (n, m) [m/s^2] (eq 20), written out anew."""
+    u, v, w, p, q, r = b @ surfaces.T
+    ahead, above, right = c.dither.pilot_forward, c.dither.pilot_above, c.dither.pilot_right
+    arm = np.array([ahead, right, -above])
+    return np.stack([u, v, w], axis=1) + np.cross(np.stack([p, q, r], axis=1), arm)
+
+
+def true_surfaces(time: Array, commands: Array, corner: float, hold: float) -> tuple[Array, Array, Array]:
+    """Return share of the surface, rate just after each command, and share in fine steps, of a first-order actuator."""
+    surface = np.zeros(commands.shape[1])
+    shares, rates, fine = [], [], []
+    for k, command in enumerate(commands):
+        shares.append(surface)
+        rates.append(corner * (command - surface))
+        dt = time[k + 1] - time[k] if k + 1 < len(time) else 0.0
+        for part in np.linspace(0.0, min(dt, hold), 9)[1:]:
+            fine.append(command + (surface - command) * math.exp(-corner * part))
+        surface = command + (surface - command) * math.exp(-corner * min(dt, hold))
+        surface = surface * math.exp(-corner * max(dt - hold, 0.0))
+    return np.array(shares), np.array(rates), np.array(fine)
+
+
+# --- stamps ---
+
+STAMPS = {
+    "even": [0.02],
+    "jitter": [0.005, 0.035, 0.012, 0.028, 0.02],
+    "lost": [0.02, 0.02, 0.04, 0.02, 0.06, 0.02, 0.02],
+    "double rate": [0.01],
+    "half rate": [0.04],
+    "11 Hz": [1.0 / 11.0],
+    "1 kHz": [0.001],
+    "bursts": [0.001, 0.001, 0.001, 0.077],
+    "gaps": [0.02] * 30 + [0.5],
+    "silence": [0.02] * 40 + [3.0],
+}
+
+
+def stamped(kind: str, n: int, seed: int) -> Array:
+    steps = np.array(list(itertools.islice(itertools.cycle(STAMPS[kind]), n)))
+    rng = np.random.default_rng(seed)
+    if kind in ("jitter", "lost"):
+        rng.shuffle(steps)
+    return np.concatenate([[0.0], np.cumsum(steps)[:-1]])
 
 
 @given(
-    seed=st.integers(0, 2**31 - 1),
-    scale=st.floats(-12.0, 12.0),
-    excitation=st.floats(0.0, 1.0),
-    alarms=st.sets(st.integers(0, 59), max_size=6),
-    spread=st.floats(0.0, 0.6),
-    gaps=st.sets(st.integers(1, 59), max_size=3),
+    kind=st.sampled_from(sorted(STAMPS)),
+    seed=st.integers(0, 10_000),
+    alarms=st.sets(st.integers(0, 399), max_size=4),
+    allocation=st.sampled_from(["information", "equal"]),
+    frozen=st.booleans(),
 )
 @settings(max_examples=60, derandomize=True, deadline=None)
-def test_no_limit_is_passed_whatever_comes(
-    seed: int, scale: float, excitation: float, alarms: set[int], spread: float, gaps: set[int]
+def test_a_true_actuator_never_passes_rate_position_cap_or_acceleration_whatever_the_stamps(
+    kind: str, seed: int, alarms: set[int], allocation: str, frozen: bool
 ) -> None:
-    dither, c = law(seed=seed)
-    p, n = c.dither, 60
-    rng = np.random.default_rng(seed)
-    effect = np.abs(rng.standard_normal((n, 6))) * 10.0**scale
-    effect[rng.integers(n), rng.integers(6)] = rng.choice([0.0, math.inf, 1e308])
-    delta = rng.uniform(-spread, spread, (n, 7))
-    time = 0.02 * np.arange(n, dtype=np.float64)
-    for gap in gaps:
-        time[gap:] += 1.0
-    alarm = np.zeros((n, 6), np.int64)
-    alarm[sorted(alarms), 3] = 1
-    block = dither.commands(time, effect, np.full(n, excitation), alarm, delta)
-    assert np.isfinite(block.delta).all()
-    assert (block.predicted_acceleration <= block.acceleration_limit).all()
-    assert (block.acceleration_limit <= p.limit_boosted).all()
-    assert (block.rms * max(p.weights) <= p.cap * (1 + 1e-12)).all()
-    gain = math.sqrt((1.0 + math.exp(-0.4)) / (1.0 - math.exp(-0.4)))
-    assert (np.abs(block.delta) <= CREST * p.cap * gain + 1e-12).all()
-    boosted = block.level == Level.BOOSTED
-    recent = [any(0 <= t - time[a] < p.boost_duration for a in alarms) for t in time]
-    assert not (boosted & ~np.array(recent)).any()
-    surface = np.zeros(7)
+    dither, c = law(seed=seed, allocation=allocation)
+    n, b = 400, aircraft(seed)
+    time, p = stamped(kind, n, seed), c.dither
+    knowledge = known(n, b, alarms=tuple(sorted(alarms)))
+    stack = 0.3 * np.sin(0.7 * time)[:, None] * np.ones(M)
+    commands, share, limit = np.zeros((n, M)), np.zeros(M), np.zeros(n)
     for k in range(n):
-        command = block.delta[k]
-        assert (np.abs(command - surface) <= np.array(p.rate_limit) / 20.0 + 1e-9).all() or block.level[k] in (0, 3)
-        surface = math.exp(-0.4) * surface + (1.0 - math.exp(-0.4)) * command
-    for gap in gaps:
-        assert block.level[gap] == Level.INHIBITED
-        assert not block.delta[gap].any()
+        dt = time[k] - time[k - 1] if k else 0.0
+        before = commands[k - 1] if k else np.zeros(M)
+        held = min(dt, p.stale_after)
+        share = (before + (share - before) * math.exp(-20.0 * held)) * math.exp(-20.0 * max(dt - held, 0.0))
+        one = Knowledge(knowledge.b[:1], knowledge.variance[:1], knowledge.excitation[:1], knowledge.alarm[k : k + 1])
+        still = frozen and 150 <= k < 200
+        block = (
+            dither.silence(time[k : k + 1])
+            if still
+            else dither.commands(time[k : k + 1], one, (stack[k] + share)[None])
+        )
+        commands[k], limit[k] = block.delta[0], block.acceleration_limit[0]
+    shares, rates, fine = true_surfaces(time, commands, 20.0, p.stale_after)
+    assert (np.abs(rates) <= np.array(p.rate_limit) * (1 + 1e-9))[commands.any(axis=1)].all()
+    assert (np.abs(fine) <= p.cap * CREST * 8.0).all()
+    assert ((stack + shares) <= 0.4 + 0.3 * 0.7 * 0.1 + 1e-9).all()
+    if kind not in ("gaps", "silence", "11 Hz") and not frozen:
+        whole = np.square(np.linalg.norm(accelerations(b, fine, c), axis=1) / GRAVITY)
+        square, step = whole.reshape(n, -1).mean(axis=1), np.diff(time, append=time[-1])
+        allowed = np.where(limit > 0.0, limit, p.limit_nominal) ** 2
+        for start in time[time < time[-1] - 1.0][::7]:
+            window = (time >= start) & (time < start + 1.0)
+            if np.ptp(limit[(time >= start - 0.2) & (time < start + 1.0)]) > 0.0:
+                continue  # the surfaces come to rest after a boost
+            assert np.sum((square / allowed * step)[window]) <= 1.1**2
+
+
+def test_a_gap_or_silence_means_zero_until_samples_come_again() -> None:
+    for kind in ("gaps", "silence"):
+        dither, _ = law()
+        time = stamped(kind, 200, 0)
+        block = dither.commands(time, known(200, aircraft()), np.zeros((200, M)))
+        late = np.flatnonzero(np.diff(time, prepend=0.0) > 0.1)
+        assert len(late)
+        assert (block.level[late] == Level.INHIBITED).all()
+        assert not block.delta[late].any()
+        assert block.delta[late[0] + 1].any()
+
+
+def test_without_an_actuator_the_command_moves_no_faster_than_the_rate_whatever_the_rate_of_the_samples() -> None:
+    for kind in ("1 kHz", "even", "half rate", "jitter"):
+        dither, c = law(actuator_bandwidth=[], position_low=[], position_high=[])
+        time = stamped(kind, 500, 1)
+        block = dither.commands(time, known(500, aircraft()), np.zeros((500, M)))
+        rate = np.abs(np.diff(block.delta, axis=0)) / np.diff(time)[:, None]
+        assert (rate <= np.array(c.dither.rate_limit) * (1 + 1e-9)).all()
 
 
 def test_a_surface_at_its_stop_is_not_pushed_further() -> None:
     dither, _ = law()
     n = 300
-    delta = np.zeros((n, 7))
+    delta = np.zeros((n, M))
     delta[:, 0] = 0.4
-    zero = np.zeros((n, 6))
-    block = dither.commands(0.02 * np.arange(n, dtype=np.float64), zero, np.ones(n), zero.astype(np.int64), delta)
+    block = dither.commands(clock(n), known(n, np.zeros((6, M))), delta)
     surface = 0.0
     for k in range(n):
         base = delta[k, 0] - surface
@@ -101,74 +187,249 @@ def test_a_surface_at_its_stop_is_not_pushed_further() -> None:
         surface = math.exp(-0.4) * surface + (1.0 - math.exp(-0.4)) * block.delta[k, 0]
 
 
+@given(seed=st.integers(0, 2**31 - 1), scale=st.floats(-12.0, 12.0), std=st.floats(0.0, 1e6))
+@settings(max_examples=60, derandomize=True, deadline=None)
+def test_dither_and_prediction_are_finite_and_within_limits_whatever_b_is(seed: int, scale: float, std: float) -> None:
+    dither, c = law(seed=seed)
+    rng = np.random.default_rng(seed)
+    b = aircraft(seed) * 10.0**scale
+    b[rng.integers(6), rng.integers(M)] = rng.choice([0.0, math.inf, math.nan, 1e308])
+    block = drive(dither, known(60, b, std, excitation=float(rng.uniform())))
+    assert np.isfinite(block.delta).all()
+    assert np.isfinite(block.predicted_acceleration).all()
+    assert (block.predicted_acceleration <= block.acceleration_limit).all()
+    assert (block.rms <= c.dither.cap * (1 + 1e-12)).all()
+    if not (np.abs(b) < LARGEST_EFFECT).all():
+        assert not block.delta.any()
+
+
+# --- how the limit is shared out ---
+
+
+def test_what_an_effector_is_felt_as_is_the_acceleration_of_a_point_of_a_rigid_body() -> None:
+    b, station = aircraft(), np.array([3.0, 0.8, -0.4])
+    c = from_mapping({"dither.pilot_forward": 3.0, "dither.pilot_above": 0.8, "dither.pilot_right": -0.4})
+    out = np.zeros(3)
+    for j in range(M):
+        felt(b, ROWS, station, j, out)
+        one = np.zeros((1, M))
+        one[0, j] = 1.0
+        np.testing.assert_allclose(out, accelerations(b, one, c)[0], rtol=1e-12)
+
+
+def test_the_expected_square_is_the_mean_over_what_b_may_be() -> None:
+    b, station, out = aircraft(), np.array([3.0, 0.8, -0.4]), np.zeros(3)
+    rng = np.random.default_rng(1)
+    std = np.abs(rng.standard_normal((6, M)))
+    squares = []
+    for _ in range(20_000):
+        felt(b + std * rng.standard_normal((6, M)), ROWS, station, 2, out)
+        squares.append(float(out @ out))
+    expected = expected_square(b, np.square(std), ROWS, station, 2, out)
+    assert expected == pytest.approx(np.mean(squares), rel=0.03)
+
+
 def test_eq_23_is_solved_for_the_limit() -> None:
-    dither, c = law(cap=0.5, cap_unreliable=0.5)
-    block = drive(dither, 5, EFFECT)
+    dither, c = law(**LITERAL, cap=0.5, cap_unreliable=0.5)
+    b = aircraft()
+    block = drive(dither, known(5, b))
+    total = np.abs(b).sum(axis=1)
     unit = math.sqrt(
-        EFFECT[0] ** 2
-        + (EFFECT[1] + c.dither.pilot_above * EFFECT[3] + c.dither.pilot_forward * EFFECT[5]) ** 2
-        + (EFFECT[2] + c.dither.pilot_forward * EFFECT[4]) ** 2
+        total[0] ** 2
+        + (total[1] + c.dither.pilot_above * total[3] + c.dither.pilot_forward * total[5]) ** 2
+        + (total[2] + c.dither.pilot_forward * total[4]) ** 2
     )
-    assert pilot_acceleration(EFFECT, np.arange(6), c.dither.pilot_forward, c.dither.pilot_above) == pytest.approx(unit)
+    station = np.array([c.dither.pilot_forward, c.dither.pilot_above, 0.0])
+    assert worst_case(b, np.ones(M), ROWS, station) == pytest.approx(unit)
     assert block.rms[0] * unit / GRAVITY == pytest.approx(0.012, rel=1e-12)
 
 
+@given(
+    seed=st.integers(0, 10_000),
+    m=st.integers(1, 8),
+    limit=st.floats(1e-4, 10.0),
+    information=st.booleans(),
+)
+@settings(max_examples=150, derandomize=True, deadline=None)
+def test_the_limit_is_spent_exactly_or_all_are_at_their_caps(
+    seed: int, m: int, limit: float, information: bool
+) -> None:
+    rng = np.random.default_rng(seed)
+    square = np.square(rng.standard_normal(m)) * (rng.random(m) > 0.1)
+    weights = rng.uniform(0.0, 2.0, m) * (rng.random(m) > 0.1)
+    caps, out = rng.uniform(0.0, 1.0, m), np.zeros(m)
+    binds = allocate(square, weights, caps, limit, information, out)
+    assert (out >= 0.0).all() and (out <= caps * (1 + 1e-12)).all()
+    spent = math.sqrt(float(np.sum(square * out**2)))
+    assert spent <= limit * (1 + 1e-9)
+    if binds:
+        assert spent == pytest.approx(limit, rel=1e-9)
+    else:
+        np.testing.assert_array_equal(out[weights > 0.0], caps[weights > 0.0])
+
+
+def test_no_other_shares_of_the_same_limit_hold_more_information() -> None:
+    rng = np.random.default_rng(3)
+    square, caps, out = np.square(rng.standard_normal(5)), np.full(5, 0.4), np.zeros(5)
+    allocate(square, np.ones(5), caps, 0.2, True, out)
+    best = np.log(out).sum()
+    for _ in range(2000):
+        other = np.minimum(out * np.exp(0.3 * rng.standard_normal(5)), caps)
+        other *= min(0.2 / math.sqrt(float(np.sum(square * other**2))), float((caps / other).min()))
+        assert np.log(other).sum() <= best + 1e-12
+
+
+def test_an_effector_that_is_not_known_starts_small_and_grows_as_it_becomes_known() -> None:
+    rms = [drive(law()[0], known(3, aircraft(), std)).rms[0] for std in (math.inf, 10.0, 1.0, 0.1)]
+    assert rms == sorted(rms)
+    assert rms[0] < 0.5 * rms[-1]
+    nothing = drive(law()[0], known(3, np.zeros((6, M)), math.inf, excitation=0.0))
+    assert nothing.rms[0] >= START * law()[1].dither.cap_unreliable * (1 - 1e-12)
+
+
+def test_the_cap_is_lower_for_an_effector_that_is_neither_excited_nor_known() -> None:
+    _, c = law()
+    small = 1e-6 * aircraft()
+    assert drive(law()[0], known(3, small, 10.0, excitation=0.5)).rms[0] == pytest.approx(c.dither.cap_unreliable)
+    assert drive(law()[0], known(3, small, 0.1, excitation=0.5)).rms[0] == pytest.approx(c.dither.cap)
+    assert drive(law()[0], known(3, small, 10.0, excitation=0.9)).rms[0] == pytest.approx(c.dither.cap)
+
+
+def test_weights_multiply_the_shares() -> None:
+    weights = [1.0, 0.5, 0.25, 1.0, 0.0, 1.0, 1.0]
+    dither, _ = law(weights=weights, rate_limit=[], position_low=[], position_high=[])
+    rms = np.sqrt(np.mean(np.square(drive(dither, known(4000, aircraft())).delta), axis=0))
+    plain, _ = law(rate_limit=[], position_low=[], position_high=[])
+    even = np.sqrt(np.mean(np.square(drive(plain, known(4000, aircraft())).delta), axis=0))
+    assert rms[4] == 0.0
+    ratio = rms / even
+    assert ratio[1] / ratio[0] == pytest.approx(0.5, rel=0.1)
+    assert ratio[2] / ratio[0] == pytest.approx(0.25, rel=0.1)
+
+
+# --- levels ---
+
+
 def test_an_alarm_boosts_for_its_window_only() -> None:
-    dither, _ = law()
-    block = drive(dither, 120, EFFECT, alarms=(10,))
+    block = drive(law()[0], known(120, aircraft(), alarms=(10,)))
     assert (block.level[:10] == Level.NOMINAL).all()
     assert (block.level[10:60] == Level.BOOSTED).all()
     assert (block.level[60:] == Level.NOMINAL).all()
     assert block.acceleration_limit[10] == 0.04
 
 
-def test_the_cap_is_lower_while_b_is_not_excited() -> None:
-    dither, c = law()
-    block = drive(dither, 3, np.zeros(6), excitation=0.5)
-    assert block.rms[0] == c.dither.cap_unreliable / 2.0
-    assert "not excited" in block.at(0).reason
-    assert drive(law()[0], 3, np.zeros(6), excitation=0.9).rms[0] == c.dither.cap / 2.0
+def test_alarms_without_end_boost_no_longer_than_the_budget_of_any_minute() -> None:
+    dither, c = law(boost_budget=10.0)
+    n = 50 * 240
+    block = drive(dither, known(n, aircraft(), alarms=tuple(range(0, n, 45))))
+    boosted = np.convolve(block.level == Level.BOOSTED, np.full(50 * 60, 0.02), "valid")
+    assert boosted.max() <= c.dither.boost_budget + 0.05
+    assert boosted.min() > 0.3 * c.dither.boost_budget
 
 
-def test_the_wanted_rms_arrives_at_the_surface() -> None:
-    dither, _ = law(weights=[1.0] * 7, rate_limit=[], cap=0.004, cap_unreliable=0.004)
-    block = drive(dither, 20000, np.zeros(6))
-    pole, surface, seen = math.exp(-0.4), np.zeros(7), []
+def test_what_is_known_to_the_target_error_gets_less_and_all_comes_back_at_an_alarm() -> None:
+    dither, _ = law(target_error=0.05)
+    n = 600
+    knowledge = known(n, aircraft(), 0.01, alarms=(500,))
+    block = drive(dither, knowledge)
+    rms = lambda span: np.sqrt(np.mean(np.square(block.delta[span])))  # noqa: E731
+    assert rms(slice(400, 500)) < 0.2 * rms(slice(0, 20))
+    assert rms(slice(500, 540)) > rms(slice(0, 20))
+    assert block.at(450).reason == "known to dither.target_error"
+    unknown = drive(law(target_error=0.05)[0], known(n, aircraft(), 0.2))
+    assert np.sqrt(np.mean(np.square(unknown.delta[400:]))) > 3.0 * rms(slice(400, 500))
+
+
+def test_activity_is_limited_for_aircraft_without_a_pilot() -> None:
+    corner, activity = 20.0, 0.05
+    dither, _ = law(activity_nominal=activity, rate_limit=[], position_low=[], position_high=[])
+    block = drive(dither, known(8000, 1e-6 * aircraft()))
+    surface, rates = np.zeros(M), []
     for command in block.delta:
-        surface = pole * surface + (1.0 - pole) * command
-        seen.append(surface)
-    rms = np.sqrt(np.mean(np.square(seen[100:]), axis=0))
-    assert rms == pytest.approx(np.full(7, 0.004), rel=0.03)
-
-
-def test_the_effectors_move_independently() -> None:
-    block = drive(law(weights=[1.0] * 7)[0], 5000, np.zeros(6))
-    correlation = np.corrcoef(block.delta.T) - np.eye(7)
-    assert np.abs(correlation).max() < 0.06
-
-
-def test_equal_seeds_give_equal_bits_and_blocks_do_not_matter() -> None:
-    whole = drive(law(seed=3)[0], 200, EFFECT).delta
-    dither, _ = law(seed=3)
-    parts = []
-    for start in range(0, 200, 7):
-        n = min(7, 200 - start)
-        time = 0.02 * np.arange(start, start + n, dtype=np.float64)
-        zero = np.zeros((n, 6), np.int64)
-        parts.append(dither.commands(time, np.tile(EFFECT, (n, 1)), np.ones(n), zero, np.zeros((n, 7))).delta.copy())
-    assert np.array_equal(np.concatenate(parts), whole)
-    assert not np.array_equal(drive(law(seed=4)[0], 200, EFFECT).delta, whole)
+        rates.append(corner * (command - surface))
+        surface = command + (surface - command) * math.exp(-corner * 0.02)
+    rms = np.sqrt(np.mean(np.square(rates[100:]), axis=0))
+    assert rms == pytest.approx(np.full(M, activity), rel=0.05)
 
 
 def test_disabled_means_zero() -> None:
-    block = drive(law(enabled=False)[0], 10, EFFECT, alarms=(3,))
+    block = drive(law(enabled=False)[0], known(10, aircraft(), alarms=(3,)))
     assert not block.delta.any()
     assert (block.level == Level.OFF).all()
 
 
-def test_a_bandwidth_keeps_the_wanted_rms_and_slows_the_sequence() -> None:
-    block = drive(
-        law(weights=[1.0] * 7, bandwidth=2.0, rate_limit=[], position_low=[], position_high=[])[0], 20000, EFFECT
-    )
+# --- sequences ---
+
+
+def test_prediction_and_what_is_felt_agree() -> None:
+    for allocation in ("information", "equal"):
+        dither, c = law(allocation=allocation)
+        n, b = 6000, aircraft()
+        block = drive(dither, known(n, b))
+        shares, _, _ = true_surfaces(clock(n), block.delta, 20.0, 1.0)
+        realised = np.linalg.norm(accelerations(b, shares, c), axis=1) / GRAVITY
+        rms = math.sqrt(float(np.mean(np.square(realised[100:]))))
+        assert 0.85 * c.dither.limit_nominal <= rms <= c.dither.limit_nominal
+        assert block.predicted_acceleration[100:].mean() == pytest.approx(rms, rel=0.15)
+
+
+def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
+    for kind in ("even", "half rate", "double rate", "jitter"):
+        dither, c = law(allocation="equal", rate_limit=[], cap=0.004, cap_unreliable=0.004)
+        n = 20_000
+        time = stamped(kind, n, 0)
+        block = dither.commands(time, known(n, 1e-6 * aircraft()), np.zeros((n, M)))
+        shares, _, _ = true_surfaces(time, block.delta, 20.0, 1.0)
+        weight = np.diff(time, append=time[-1])
+        rms = np.sqrt(np.average(np.square(shares[100:]), axis=0, weights=weight[100:]))
+        assert rms == pytest.approx(np.full(M, c.dither.cap), rel=0.08), kind
+
+
+def test_the_effectors_move_independently() -> None:
+    block = drive(law()[0], known(5000, aircraft()))
+    correlation = np.corrcoef(block.delta.T) - np.eye(M)
+    assert np.abs(correlation).max() < 0.06
+
+
+def test_equal_seeds_give_equal_bits_and_blocks_do_not_matter() -> None:
+    whole = drive(law(seed=3)[0], known(200, aircraft())).delta
+    dither, _ = law(seed=3)
+    time, parts = clock(200), []
+    for start in range(0, 200, 7):
+        n = min(7, 200 - start)
+        block = dither.commands(time[start : start + n], known(n, aircraft()), np.zeros((n, M)))
+        parts.append(block.delta.copy())
+    assert np.array_equal(np.concatenate(parts), whole)
+    assert not np.array_equal(drive(law(seed=4)[0], known(200, aircraft())).delta, whole)
+
+
+def test_a_bandwidth_slows_the_sequence() -> None:
+    free: dict[str, object] = {"rate_limit": [], "position_low": [], "position_high": []}
+    block = drive(law(bandwidth=2.0, **free)[0], known(20_000, 1e-6 * aircraft()))
     one = block.delta[:, 0]
     assert np.corrcoef(one[1:], one[:-1])[0, 1] == pytest.approx(math.exp(-2.0 * math.pi * 2.0 * 0.02), abs=0.03)
+
+
+def test_multisines_are_orthogonal_over_their_period_and_have_low_peaks() -> None:
+    frequencies, phases = multisines(M, 10.0, 0.2, 8.0, seed=0)
+    time = np.arange(500) / 50.0
+    waves = np.cos(2.0 * np.pi * (frequencies[:, :, None] * time + phases[:, :, None])).sum(axis=1)
+    waves *= math.sqrt(2.0 / frequencies.shape[1])
+    np.testing.assert_allclose(waves @ waves.T / 500.0, np.eye(M), atol=1e-10)
+    for j in range(M):
+        harmonics = np.round(frequencies[j] * 10.0)
+        assert peak_factor(harmonics, phases[j]) < 1.6
+        assert peak_factor(harmonics, phases[j]) < 0.7 * peak_factor(harmonics, np.zeros(len(harmonics)))
+
+
+def test_multisines_reach_the_surface_with_the_wanted_rms() -> None:
+    dither, c = law(sequence="multisine", allocation="equal", rate_limit=[], cap=0.004, cap_unreliable=0.004)
+    n = 5000
+    block = drive(dither, known(n, 1e-6 * aircraft()))
+    shares, _, _ = true_surfaces(clock(n), block.delta, 20.0, 1.0)
+    assert np.sqrt(np.mean(np.square(shares[500:]), axis=0)) == pytest.approx(np.full(M, c.dither.cap), rel=0.12)
+
+
+def test_too_few_harmonics_are_refused() -> None:
+    with pytest.raises(EstimationError, match="leave 3 harmonics for 7 effectors; a longer period or a wider band"):
+        law(sequence="multisine", multisine_period=1.0, multisine_low=0.5, multisine_high=3.0)

@@ -37,7 +37,7 @@ def engine(*, confounded: bool, detect: bool = False, air: float = 1.0) -> Regre
         confounding=np.array([1.0, 1.0, 0.36]) if confounded else np.zeros(P),
         horizon=HORIZON,
     )
-    regression = Regression(settings, 1, [1.0])
+    regression = Regression(settings, 1)
     regression.state.air[0] = air
     return regression
 
