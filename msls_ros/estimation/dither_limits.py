@@ -96,7 +96,9 @@ def make_effectors(limits: Array, boost: float) -> Effectors:
 
 @compiled
 def elapse(x: Effectors, time: float, nominal: float, stale_after: float) -> float:
-    """Let the surfaces move until a sample; return the interval [s], the nominal one at the first sample.
+    """Let the surfaces move while the last command is held; return the interval [s], nominal at the first sample.
+
+    What is left of the interval after `stale_after` is for `settle`.
 
     Parameters
     ----------
@@ -126,10 +128,16 @@ def elapse(x: Effectors, time: float, nominal: float, stale_after: float) -> flo
         x.pole[j, 1] += gain * (pole - x.pole[j, 1])
         x.pole[j, 2] += gain * (pole * pole - x.pole[j, 2])
         x.surface[j] = pole * x.surface[j] + (1.0 - pole) * x.command[j]
-        if dt > held:
-            x.surface[j] *= exponential(-corner * (dt - held)) if corner > 0.0 else 0.0
-            x.command[j] = 0.0
     return dt
+
+
+@compiled
+def settle(x: Effectors, dt: float) -> None:
+    """Let the surfaces come to rest: nothing is commanded for ``dt`` s, nor from now on."""
+    for j in range(x.surface.shape[0]):
+        corner = x.limits[j, CORNER]
+        x.surface[j] *= exponential(-corner * dt) if corner > 0.0 and dt > 0.0 else 1.0 if corner > 0.0 else 0.0
+        x.command[j] = 0.0
 
 
 @compiled

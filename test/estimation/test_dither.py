@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import Configuration, DitherBlock, DitherLaw, EstimationError, Level, from_mapping
-from msls_ros.estimation.dither import LARGEST_EFFECT, START, Knowledge
 from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
+from msls_ros.estimation.dither_law import LARGEST_EFFECT, START, Knowledge
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import CREST, multisines, peak_factor

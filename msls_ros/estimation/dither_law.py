@@ -1,0 +1,424 @@
+"""The dither law, compiled: one sample after the other, from what is known of B to commands (see `dither`)."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
+from msls_ros.estimation.dither_answer import (
+    ACCELERATION,
+    CAPPED,
+    DISABLED,
+    EQUATION_23,
+    GAP,
+    KNOWN,
+    NOT_EXCITED,
+    NOT_FINITE,
+    DitherBlock,
+)
+from msls_ros.estimation.dither_limits import (
+    ACHIEVED,
+    CAP,
+    CORNER,
+    LONGEST,
+    SEQUENCE,
+    SHARE,
+    WEIGHT,
+    Effectors,
+    boost,
+    command_gain,
+    elapse,
+    left_of_window,
+    move,
+    note_reached,
+    settle,
+    spend,
+)
+from msls_ros.estimation.elementary import exponential
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kinematics import GRAVITY
+from msls_ros.estimation.sequences import CREST, multisine
+
+SLOWEST = 0.1
+"""An effector that is known to `dither.target_error` keeps at least this part of its share."""
+RELIEF = 1.0
+"""Time constant with which the share of a known effector goes down [s]."""
+LARGEST_EFFECT = 1e12
+"""A B-hat that holds more than this is not used: no sample has numbers of that size."""
+LARGE = 1e200
+"""More than any effect squared; keeps what is unknown and gets nothing finite."""
+START = 0.1
+"""An effector of which nothing is known gets at least this part of `dither.cap_unreliable`."""
+
+
+class Law(NamedTuple):
+    """What the compiled law needs to know; m effectors."""
+
+    enabled: bool
+    limit_nominal: float
+    limit_boosted: float
+    """[g]"""
+    boost_duration: float
+    boost_budget: float
+    stale_after: float
+    period: float
+    """[s]"""
+    cap_unreliable: float
+    """Rms of a surface while its column is not excited, for a weight of 1 [rad]."""
+    excitation: float
+    """Least excitation of a column that counts as excited [1]."""
+    known_error: float
+    """Relative error of what counts as known [1]."""
+    target_error: float
+    """Relative error to which an effector need be known; 0: as well as the limit allows [1]."""
+    worst_case: bool
+    information: bool
+    rest: float
+    """Square of an acceleration, integrated while the slowest actuator comes to rest, over the square at once [s]."""
+    activity_nominal: float
+    activity_boosted: float
+    """Largest rms rate of a surface by the dither; 0: not limited [rad/s]."""
+    station: Array
+    """(3,) l1, l2, l3 [m]."""
+    rows: Integers
+    """(6,) index of u, v, w, P, Q, R among the rows; negative where absent."""
+
+
+class Knowledge(NamedTuple):
+    """What the estimator says of B at each of n samples; r rows, m effectors."""
+
+    b: Array
+    """(n, r, m) estimates."""
+    variance: Array
+    """(n, r, m) their variances; infinite where nothing is known."""
+    excitation: Array
+    """(n, m) least excitation of each column in any row [1]."""
+    alarm: Integers
+    """(n, r) 1 where an abrupt change was declared."""
+
+
+class Comb(NamedTuple):
+    """Multisines, one for each of m effectors."""
+
+    period: float
+    """[s]; 0: none."""
+    frequencies: Array
+    """(m, h) [Hz]."""
+    phases: Array
+    """(m, h) [cycles]."""
+    origin: Array
+    """(1,) time at which they began [s]."""
+
+
+@compiled
+def relative_error(b: Array, variance: Array, rows: Integers, j: int) -> float:
+    """Standard error of effector j's largest entry over the entry: of rows P, Q, R; of all where those are absent."""
+    angular = rows[3] >= 0 or rows[4] >= 0 or rows[5] >= 0
+    largest, error = 0.0, math.inf
+    for q in range(b.shape[0]):
+        if angular and q != rows[3] and q != rows[4] and q != rows[5]:
+            continue
+        if abs(b[q, j]) > largest:
+            largest = abs(b[q, j])
+            error = math.sqrt(variance[q, j]) / largest
+    return error
+
+
+@compiled
+def relieve(law: Law, x: Effectors, b: Array, variance: Array, alarmed: bool, dt: float) -> bool:
+    """Lower the shares of effectors that are known well enough, raise the others; whether all are lowered.
+
+    An effector whose relative error is e gets closer to ``target_error`` with the power ``dt/RELIEF`` of their ratio;
+    an alarm restores all shares at once.
+    """
+    lowered = law.target_error > 0.0
+    for j in range(x.relief.shape[0]):
+        if law.target_error <= 0.0 or alarmed:
+            x.relief[j] = 1.0
+            lowered = False
+            continue
+        ratio = relative_error(b, variance, law.rows, j) / law.target_error
+        step = min(max(ratio - 1.0, -1.0), 1.0) * min(dt / RELIEF, 1.0)
+        x.relief[j] = min(max(x.relief[j] * (1.0 + step), SLOWEST), 1.0)
+        if x.relief[j] >= 1.0:
+            lowered = False
+    return lowered
+
+
+@compiled
+def set_caps(
+    law: Law, x: Effectors, b: Array, variance: Array, excitation: Array, boosted: bool, period: float, caps: Array
+) -> bool:
+    """Fill in the largest rms of each surface (m,) [rad]; return whether one is lower for want of excitation.
+
+    An effector gets the lower cap while it is neither excited now nor known: its largest entry to ``known_error``.
+    """
+    unexcited = False
+    raised = law.limit_boosted / law.limit_nominal if boosted and law.limit_nominal > 0.0 else 1.0
+    activity = law.activity_boosted if boosted else law.activity_nominal
+    for j in range(caps.shape[0]):
+        caps[j] = x.limits[j, CAP]
+        lower = law.cap_unreliable * raised * x.limits[j, WEIGHT]
+        unknown = law.worst_case or not relative_error(b, variance, law.rows, j) < law.known_error
+        if excitation[j] < law.excitation and lower < caps[j] and unknown:
+            caps[j] = lower
+            unexcited = True
+        if activity > 0.0:
+            caps[j] = min(caps[j], activity / rate_per_rms(x, j, period))
+    return unexcited
+
+
+@compiled
+def rate_per_rms(x: Effectors, j: int, period: float) -> float:
+    """Rms rate of a surface over its rms [1/s]: of a first-order lag, or of its steps where there is no actuator."""
+    corner = x.limits[j, CORNER]
+    if corner <= 0.0:
+        return math.sqrt(2.0) / period
+    gain = command_gain(x, j, period)
+    pole = x.pole[j, 1]
+    colour = exponential(-x.limits[j, SEQUENCE] * period) if x.limits[j, SEQUENCE] > 0.0 else 0.0
+    together = gain * gain * (1.0 - pole) * colour / (1.0 - pole * colour)
+    return float(corner * math.sqrt(max(gain * gain + 1.0 - 2.0 * together, 0.0)))
+
+
+@compiled
+def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: Array) -> tuple[float, bool]:
+    """Fill in ``x.wanted``, the rms of each surface (m,) [rad] within limit and caps.
+
+    Parameters
+    ----------
+    law, x
+        The law and its effectors.
+    b
+        (r, m) B-hat.
+    limit
+        Acceleration [m/s^2 rms].
+    square, caps
+        (m,) ``E[g_j^2]`` and the largest rms of each surface.
+
+    Returns
+    -------
+    tuple
+        The common rms before weights, or the rms over the effectors [rad], and whether the limit binds.
+    """
+    m = caps.shape[0]
+    weights = x.limits[:, WEIGHT]
+    if not law.worst_case:
+        binds = allocate(square, weights, caps, limit, law.information, x.wanted)
+        total = 0.0
+        for j in range(m):
+            total += x.wanted[j] * x.wanted[j]
+        return math.sqrt(total / m) if m > 0 else 0.0, binds
+    # one common rms for all: the smallest that a cap or eq 23 allows
+    common = math.inf
+    for j in range(m):
+        if weights[j] > 0.0:
+            common = min(common, caps[j] / weights[j])
+    unit = worst_case(b, weights, law.rows, law.station)
+    binds = unit * common > limit
+    if binds:
+        common = limit / unit
+    for j in range(m):
+        x.wanted[j] = weights[j] * common if weights[j] > 0.0 else 0.0
+    return common if math.isfinite(common) else 0.0, binds
+
+
+@compiled
+def modelled_square(law: Law, x: Effectors, b: Array, ahead: bool, scratch: Array) -> float:
+    """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
+
+    Now, or ``ahead`` by the longest interval of late, in which the last commands are held.
+    """
+    axial = lateral = normal = 0.0
+    for j in range(x.surface.shape[0]):
+        felt(b, law.rows, law.station, j, scratch)
+        surface = x.surface[j]
+        if ahead:
+            corner = x.limits[j, CORNER]
+            pole = exponential(-corner * x.clock[LONGEST]) if corner > 0.0 else 0.0
+            surface += (1.0 - pole) * (x.command[j] - surface)
+        axial += scratch[0] * surface
+        lateral += scratch[1] * surface
+        normal += scratch[2] * surface
+    return axial * axial + lateral * lateral + normal * normal
+
+
+@compiled
+def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Array, scratch: Array) -> bool:
+    """Fill in ``E[g_j^2]`` (m,); return whether all of B is finite.
+
+    Where the variance is so large that an effector would get next to nothing it counts less, so that there is always
+    something to learn from: ``START`` of the cap of an effector that is not excited.
+    """
+    m = square.shape[0]
+    limit = law.limit_nominal * GRAVITY / math.sqrt(m)
+    finite = True
+    for j in range(m):
+        for q in range(b.shape[0]):
+            if not abs(b[q, j]) < LARGEST_EFFECT:
+                finite = False
+        felt(b, law.rows, law.station, j, scratch)
+        known = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
+        square[j] = expected_square(b, variance, law.rows, law.station, j, scratch)
+        least = START * law.cap_unreliable * x.limits[j, WEIGHT]
+        if least > 0.0 and not square[j] * least * least < limit * limit:
+            square[j] = max(limit * limit / (least * least), known)
+        if not square[j] < LARGE:
+            square[j] = LARGE
+    return finite
+
+
+@compiled
+def inject(
+    law: Law,
+    x: Effectors,
+    time: Array,
+    known: Knowledge,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    scratch: Array,
+    out: DitherBlock,
+) -> None:
+    """Fill ``out`` with the dithers that answer n samples.
+
+    Parameters
+    ----------
+    law, x
+        The law and its effectors.
+    time
+        (n,) [s].
+    known
+        What is known of B at each sample.
+    delta
+        (n, m) measured deflections [rad].
+    noise
+        (n, m) independent, zero mean, unit rms; not read where there are multisines.
+    comb
+        Of the multisines.
+    scratch
+        (4, m + 3).
+    out
+        Per sample.
+    """
+    m = delta.shape[1]
+    for k in range(time.shape[0]):
+        alarmed = False
+        for q in range(known.alarm.shape[1]):
+            if known.alarm[k, q] != 0:
+                alarmed = True
+        dt = elapse(x, time[k], law.period, law.stale_after)
+        boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
+        limit = law.limit_boosted if boosted else law.limit_nominal
+        finite = weigh_entries(law, x, known.b[k], known.variance[k], scratch[0, :m], scratch[3, :3])
+        unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
+        held = min(dt, law.stale_after)
+        factor = 1.0
+        if unit > 0.0:
+            share = unit * modelled_square(law, x, known.b[k], False, scratch[3, :3])
+            factor = spend(x, time[k] - (dt - held), held, share)
+        if dt > law.stale_after or not law.enabled:
+            rest(law, x, time[k] - (dt - held), dt - held)
+            out.level[k] = 3 if law.enabled else 0
+            out.reason[k] = GAP if law.enabled else DISABLED
+            continue
+        out.acceleration_limit[k] = limit
+        out.level[k] = 2 if boosted else 1
+        if not finite:
+            settle(x, 0.0)
+            out.reason[k] = NOT_FINITE
+            continue
+        square, caps, wave, three = scratch[0, :m], scratch[1, :m], scratch[2, :m], scratch[3, :3]
+        unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], boosted, held, caps)
+        out.rms[k], binds = choose(law, x, known.b[k], limit * GRAVITY, square, caps)
+        lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
+        waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
+        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k])
+        if unit > 0.0:
+            hold_back(law, x, known.b[k], unit, delta[k], dt, three, out.delta[k])
+        if law.worst_case:
+            predicted = worst_case(known.b[k], x.wanted, law.rows, law.station)
+        out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
+        out.reason[k] = reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def rest(law: Law, x: Effectors, time: float, dt: float) -> None:
+    """Nothing is commanded from ``time`` on; what the surfaces are felt as for ``dt`` s counts against the window."""
+    if dt > 0.0 and law.rest > 0.0:
+        spend(x, time, 2.0 * law.rest, 0.0)
+    settle(x, dt)
+
+
+@compiled
+def reason(law: Law, binds: bool, unexcited: bool, lowered: bool) -> int:
+    """Return the index into `REASONS` of what decides the rms."""
+    if lowered:
+        return KNOWN
+    if unexcited and not binds:
+        return NOT_EXCITED
+    if not binds:
+        return CAPPED
+    return EQUATION_23 if law.worst_case else ACCELERATION
+
+
+@compiled
+def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
+    """Fill in the multisines now (m,); return whether there are any."""
+    if comb.period <= 0.0:
+        return False
+    if not math.isfinite(comb.origin[0]):
+        comb.origin[0] = time
+    multisine(time - comb.origin[0], comb.frequencies, comb.phases, corners, out)
+    return True
+
+
+@compiled
+def hold_back(
+    law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
+) -> None:
+    """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window.
+
+    The square of the acceleration over that interval counts as the mean of now and then, and what comes after it as
+    that of surfaces that come to rest.
+    """
+    then = unit * modelled_square(law, x, b, True, scratch)
+    half = 0.5 * x.clock[LONGEST]
+    left = left_of_window(x, x.clock[LONGEST] + 2.0 * law.rest)
+    allowed = (left - half * x.clock[SHARE]) / (half + law.rest)
+    if then <= allowed:
+        return
+    factor = math.sqrt(max(allowed, 0.0) / then)
+    for j in range(out.shape[0]):
+        out[j] = move(x, j, factor * out[j], delta[j], dt)
+
+
+@compiled
+def send(
+    x: Effectors,
+    delta: Array,
+    noise: Array,
+    wave: Array,
+    waves: bool,
+    factor: float,
+    dt: float,
+    square: Array,
+    out: Array,
+) -> float:
+    """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2]."""
+    decay = exponential(-dt / ACHIEVED)
+    predicted = 0.0
+    for j in range(out.shape[0]):
+        x.wanted[j] *= x.relief[j]
+        reached = note_reached(x, j, decay)
+        predicted += square[j] * x.wanted[j] * x.wanted[j] * reached
+        corner = x.limits[j, SEQUENCE]
+        colour = exponential(-corner * dt) if corner > 0.0 else 0.0
+        x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
+        unit = wave[j] if waves else command_gain(x, j, dt) * x.sequence[j]
+        most = CREST * x.limits[j, CAP] * (command_gain(x, j, dt) if not waves else 2.0)
+        wanted = min(max(factor * x.wanted[j] * unit, -most), most)
+        out[j] = move(x, j, wanted, delta[j], dt)
+    return math.sqrt(predicted)
