@@ -9,7 +9,7 @@ from setuptools import setup
 NAME = "msls_ros"
 ROOMS = [
     *("estimation", "plant", "bags", "report", "fleet"),
-    *("inputs", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
+    *("inputs", "control", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
 ]
 # Each is msls_ros/commands/NAME.py with a main().
 EXECUTABLES = [

@@ -27,7 +27,9 @@ PARAMETERS = {
         "roll_doublet",
         "what to fly: roll_doublet, steady or strong; or segments of flight test, as in 'quiet 10; elevator_3211 8;'",
     ),
-    "manoeuvre_scale": fixed(1.0, "multiplies the inputs of flight test", low=-10.0, high=10.0),
+    "manoeuvre_scale": fixed(
+        1.0, "multiplies the inputs of flight test, and the rate of the doublet", low=-10.0, high=10.0
+    ),
     "roll_rate": fixed(
         math.radians(6.0),
         "roll rate of the doublet; the default is the paper's two pounds of stick",
@@ -61,7 +63,7 @@ class PilotNode(Node):
         self._effectors = condition.airframe.effectors
         manoeuvre = parse_manoeuvre(p["manoeuvre"], condition.airframe, p["manoeuvre_scale"])
         if isinstance(manoeuvre, RollDoublet):
-            manoeuvre = RollDoublet(rate=p["roll_rate"])
+            manoeuvre = RollDoublet(rate=p["manoeuvre_scale"] * p["roll_rate"])
         self._pilot = make_pilot(*still_air(condition), manoeuvre)
         self._states = NamedVector("state", STATES)
         self._stamps = StampGate("state sample")

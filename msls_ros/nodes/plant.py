@@ -318,7 +318,7 @@ class PlantNode(Node):
         try:
             now = self._aircraft.time
             numbers = (request.effectiveness, request.ramp, request.stuck, request.bias)
-            fault = Fault(request.effector, now, *numbers, self._condition.airframe)
+            fault = Fault(request.effector, now, *numbers, airframe=self._condition.airframe)
             response.message = self._schedule.inject(fault, self._index, self._aircraft)
             response.success = True
             self.get_logger().info(f"at {now:.3f} s: {response.message}")
