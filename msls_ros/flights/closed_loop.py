@@ -270,7 +270,8 @@ class _Loop:
             log.departed = departed(true.x, log.asked[-1].alpha)
         command = self.pilot.command(time, measured.x)
         if self.steering is not None:
-            news = estimate if wanted or (estimate is not None and estimate.events) else None
+            alarm = estimate is not None and any(one.kind == EventKind.DETECTED for one in estimate.events)
+            news = estimate if wanted or alarm else None
             truth = self.aircraft.truth() if self.steering.wants_truth(time) else None
             command, status = self.steering.answer(measured, time, command, dither.delta, news, truth)
             log.statuses.append(status)
