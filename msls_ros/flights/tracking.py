@@ -127,10 +127,14 @@ def tracking_errors(x: Array, roll_rate: Array, alpha: Array, period: float) -> 
     """
     a = np.arctan2(x[:, 2], x[:, 0])
     beta = np.arcsin(x[:, 1] / np.sqrt((x[:, :3] ** 2).sum(axis=1)))
-    reference, share = np.zeros(len(x)), -math.expm1(-period / ROLL_LAG)
-    now = 0.0
+    rolled = x[:, 3] * np.cos(a) + x[:, 5] * np.sin(a)
+    return rolled - reference_of(roll_rate, period), a - alpha, beta
+
+
+def reference_of(roll_rate: Array, period: float) -> Array:
+    """Return commanded roll rates (n,) behind the lag of `ROLL_LAG`."""
+    reference, share, now = np.zeros(len(roll_rate)), -math.expm1(-period / ROLL_LAG), 0.0
     for k, wanted in enumerate(roll_rate.tolist()):
         now += share * (wanted - now)
         reference[k] = now
-    rolled = x[:, 3] * np.cos(a) + x[:, 5] * np.sin(a)
-    return rolled - reference, a - alpha, beta
+    return reference
