@@ -15,6 +15,7 @@ ROOMS = [
 EXECUTABLES = [
     "identifier",
     "mixer",
+    "controller",
     "plant",
     "pilot",
     "recorder",

@@ -107,6 +107,6 @@ def draw(path: Path, scenario: Scenario, logs: dict[str, FlightLog], seed: int) 
 
 
 def _title(law: str, log: FlightLog) -> str:
-    words = {"fixed": "Fixed law, designed for the intact aircraft", "lq": "LQ servo, designed anew from A and B"}
-    text = words.get(law, f"Redesigned in flight from the identified B ({law})")
+    words = {"fixed": "Fixed law", "lq": "LQ servo designed anew from A and B"}
+    text = words.get(law, f"Redesigned from the identified B ({law})")
     return f"{text}: {'departs' if log.departed else 'flies on'}"

@@ -86,6 +86,7 @@ class Believed:
         """Time of the estimate that was last believed [s]."""
         self._last, self._alarm, self._ignored_until = -math.inf, -math.inf, -math.inf
         self._misfit = np.zeros(2)
+        self._distrust = IGNORED
 
     @property
     def has_prior(self) -> bool:
@@ -204,29 +205,37 @@ class Believed:
         -------
         bool
             Whether the believed model was dropped.
+
+        Notes
+        -----
+        A sample counts by how far the two predict apart, and says which errs more: 0 to 1 for its share of the squared
+        errors. The jump of a failure, which neither foresees, says nothing so.
         """
         limit = self._settings.rejection
         if not self.has_prior or limit == 0.0 or self._mode == "frozen":
             return False
+        own, first = (self.b * moved).sum(axis=1), (self.b0_surfaces * moved).sum(axis=1)
+        misfit, misfit0 = float(((response - own) ** 2).sum()), float(((response - first) ** 2).sum())
+        apart = float(((own - first) ** 2).sum())
         self._misfit *= math.exp(-period / JUDGED)
-        for i, b in enumerate((self.b, self.b0_surfaces)):
-            self._misfit[i] += float(((response - (b * moved).sum(axis=1)) ** 2).sum())
-        if self._misfit[0] <= limit * self._misfit[1] + LEAST_MISFIT:
+        self._misfit += apart * misfit / max(misfit + misfit0, 1e-12), apart
+        if self._misfit[1] < LEAST_APART or self._misfit[0] <= limit / (1.0 + limit) * self._misfit[1]:
             return False
-        updated = self.updated
+        updated, distrust = self.updated, 2.0 * self._distrust
         self.reset()
+        self._distrust = distrust
         self._e_variance[:] = self._settings.alarm_inflation**2
-        self._last, self.updated, self._ignored_until = time, updated, time + IGNORED
+        self._last, self.updated, self._ignored_until = time, updated, time + 0.5 * distrust
         self._show()
         return True
 
 
-JUDGED = 1.0
+JUDGED = 0.5
 """Memory of the comparison with the measured response [s]."""
 IGNORED = 2.0
-"""So long no estimate is believed after one that the response has disproved [s]."""
-LEAST_MISFIT = math.radians(3.0) ** 2
-"""Sum of squares below which nothing is disproved [rad^2/s^4]."""
+"""So long no estimate is believed after one that the response has disproved, and twice as long the next time [s]."""
+LEAST_APART = math.radians(1.5) ** 2
+"""Sum of squared differences of the two predictions below which nothing is disproved [rad^2/s^4]."""
 
 
 @compiled

@@ -86,7 +86,7 @@ class ControlSettings:
     )
     stuck_samples: int = parameter(10, "consecutive samples beyond it", unit="samples", low=1, high=1000)
     rejection: float = parameter(
-        4.0, "the believed B is dropped when it predicts this much worse than the prior (variance); 0: never", low=0.0
+        4.0, "the believed B is dropped when it errs this much more than the prior (squares); 0: never", low=0.0
     )
     lq_rate_price: float = parameter(0.005, "lq: of surface rate, over the squared control power", low=1e-8, high=10.0)
     lq_deflection_price: float = parameter(

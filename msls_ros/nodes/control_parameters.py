@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import sys
+import textwrap
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,7 +20,7 @@ from msls_ros.flights.aircraft_files import DEFAULT
 from msls_ros.flights.closed_loop import still_air
 from msls_ros.flights.steering import controlled
 from msls_ros.inputs.model_file import read_model
-from msls_ros.nodes.parameters import NodeError, Table, fixed
+from msls_ros.nodes.parameters import NodeError, Table, constraint, fixed
 from msls_ros.nodes.plant import chosen_condition
 from msls_ros.records import FRAME
 
@@ -53,7 +56,53 @@ OWN = {
     "own.trim_delta": fixed((), "deflection of each effector in trim", unit="rad", low=-math.pi, high=math.pi),
     "own.trim_alpha": fixed(0.0, "angle of attack in trim", unit="rad", low=-math.pi, high=math.pi),
 }
-PARAMETERS: Table = {**OWN, **{name: (value, bounds) for name, value, bounds in items(ControlSettings())}}
+IN_FLIGHT = ("law",)
+"""What may change while the node runs."""
+PARAMETERS: Table = {
+    **OWN,
+    **{
+        name: (value, dataclasses.replace(bounds, in_flight=name in IN_FLIGHT))
+        for name, value, bounds in items(ControlSettings())
+    },
+}
+PROFILE = """\
+# The controller of the simulated F-16/MATV at high alpha. Every parameter of the node stands here with its meaning,
+# unit and range: this file is the manual. `./msls python -m msls_ros.nodes.control_parameters FILE` writes it again.
+
+/**:
+  ros__parameters:
+"""
+
+
+def profile() -> str:
+    """Return the shipped parameter file: every parameter at its default."""
+    lines, section = [PROFILE.rstrip("\n")], ""
+    for name, (default, bounds) in PARAMETERS.items():
+        head, _, leaf = name.rpartition(".")
+        if head != section:
+            section = head
+            lines += [f"    {head}:"] if head else []
+        indent = " " * (6 if head else 4)
+        unit = f" [{bounds.unit}]" if bounds.unit not in ("", "1") and not isinstance(default, (str, list)) else ""
+        limits = constraint(bounds, default)
+        when = "" if bounds.in_flight else " (fixed at the start)"
+        text = f"{bounds.description}{unit}{f', {limits}' if limits else ''}{when}"
+        lines += textwrap.wrap(text, 116, initial_indent=f"{indent}# ", subsequent_indent=f"{indent}#   ")
+        value = list(default) if isinstance(default, tuple) else default
+        lines.append(f"{indent}{leaf}: {yaml_of(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def yaml_of(value: Any) -> str:
+    """Return a value as YAML has it; numbers with a point, as ROS asks for."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"[{', '.join(map(yaml_of, value))}]"
+    if isinstance(value, float):
+        text = repr(value)
+        return text if "." in text else text.replace("e", ".0e")
+    return '""' if value == "" else str(value)
 
 
 def settings_of(p: Mapping[str, Any]) -> ControlSettings:
@@ -136,3 +185,7 @@ def _saved(path: Path, effectors: tuple[str, ...]) -> Prior:
     rows = [model.states.index(name) for name in STATES]
     columns = [model.effectors.index(name) for name in effectors]
     return Prior(model.a[np.ix_(rows, rows)], model.b[np.ix_(rows, columns)])
+
+
+if __name__ == "__main__":
+    Path(sys.argv[1]).write_text(profile(), encoding="utf-8")

@@ -71,7 +71,7 @@ def plot_laws(
                 axis.grid(True)
                 if fault is not None:
                     axis.axvline(fault, color=INK, linestyle=":", linewidth=1.2)
-            column[0].set_title(one.title, fontsize=11, fontweight="bold")
+            column[0].set_title(one.title, fontsize=10, fontweight="bold")
             if k == 0:
                 for axis, label in zip(column, (*ROWS, "effectiveness\nover the intact one", ""), strict=True):
                     axis.set_ylabel(label)
@@ -115,7 +115,7 @@ def _draw(
             label = f"{_words(name)}, true"
             effect.plot(one.time, one.effect_true[:, k], color=INK, linestyle="--", linewidth=1.2, label=label)
     if not one.effect.size:
-        effect.text(0.5, 0.5, "believes nothing but its design", transform=effect.transAxes, ha="center", color=MUTED)
+        effect.text(0.72, 0.5, "believes its design only", transform=effect.transAxes, ha="center", color=MUTED)
     _strip(strip, one)
     if one.departed:
         roll.text(0.98, 0.06, f"departed at {one.time[-1]:.1f} s", transform=roll.transAxes, ha="right", color=ORANGE)
