@@ -1,7 +1,8 @@
 """Control laws side by side: the same failures, noises and seeds flown by each, in closed loop without ROS.
 
 Suites: ``failures`` (the ten shipped ones), ``random`` (random failures; those count that a law designed from truth
-survives), ``latency``, ``gusts``, ``no_dither``, ``intact``, ``learn`` (no prior).
+survives), ``latency``, ``gusts``, ``no_dither``, ``intact``, ``learn`` (no prior), ``beds`` (other
+aircraft, no prior).
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ TEN = (
     "cruise_tail_and_rudder_stuck",
 )
 FOUR = ("tail_hard_over", "nozzle_hard_over", "cruise_tail_hard_over", "cruise_tail_lost")
+BEDS = ("A4_aileron_half", "T37_rudder_lost", "c172x_elevator_half", "J3Cub_elevator_half")
 INTACT = ("nozzle_hard_over", "cruise_tail_lost")
 """Scenarios flown without their fault."""
 
@@ -92,6 +94,15 @@ def _scenarios(suite: str) -> list[Scenario]:
         ]
     if suite == "learn":
         return [find_scenario("learn_to_fly")]
+    if suite == "beds":
+        learn = find_scenario("learn_to_fly").law
+        beds = [find_scenario(name) for name in BEDS]
+        return [
+            replace(
+                one, name=f"learn_{one.aircraft.name}", faults=(), manoeuvre="roll_doublet", duration=20.0, law=learn
+            )
+            for one in beds
+        ]
     names = {"gusts": FOUR, "intact": INTACT, "latency": TEN, "no_dither": TEN, "failures": TEN}[suite]
     found = [find_scenario(name) for name in names]
     if suite == "intact":
@@ -103,7 +114,7 @@ def _case(suite: str, scenario: Scenario, law: str, noise: str, seed: int) -> Ca
     one = LAWS[law]
     plan = one.plan
     if plan is not None and not scenario.law.prior and law != "truth":
-        plan = replace(plan, prior=False)
+        plan = replace(plan, prior=False, settings=plan.settings.changed({"stack": False}))
     flight = replace(scenario.flight(noise, seed), law=plan, until_departure=True)
     if suite == "latency":
         flight = replace(flight, latency=2)

@@ -212,7 +212,7 @@ class Believed:
         errors. The jump of a failure, which neither foresees, says nothing so.
         """
         limit = self._settings.rejection
-        if not self.has_prior or limit == 0.0 or self._mode == "frozen":
+        if not self.has_prior or limit == 0.0 or self._mode in ("frozen", "raw"):
             return False
         own, first = (self.b * moved).sum(axis=1), (self.b0_surfaces * moved).sum(axis=1)
         misfit, misfit0 = float(((response - own) ** 2).sum()), float(((response - first) ** 2).sum())

@@ -227,7 +227,10 @@ class Controller:
                 regular=time >= self._paused_until,
                 gap=self._gap,
                 command=command.usable,
-                fixed=stack is not None and np.shape(stack) == self._trim.shape and bool(np.isfinite(stack).all()),
+                fixed=self.settings.stack
+                and stack is not None
+                and np.shape(stack) == self._trim.shape
+                and bool(np.isfinite(stack).all()),
                 accelerations=accelerations,
                 model_age=time - self._model_time,
                 model_timeout=self.settings.model_timeout,

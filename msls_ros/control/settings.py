@@ -31,6 +31,9 @@ class ControlSettings:
         "is missing)",
         choices=LAWS,
     )
+    stack: bool = parameter(
+        True, "where a law cannot fly, the stack's own command does, if there is one; false: the last trim"
+    )
     model: str = parameter(
         "surface",
         "what of the identified B is believed: surface (an effectiveness of each surface, on the prior), entry (each "

@@ -37,7 +37,8 @@ class LawChoice:
         """For the closed loop; None: the fixed law flies as it is."""
         if self.law in (None, FIXED):
             return None
-        return LawPlan(ControlSettings().changed({**self.control, "law": self.law}), self.prior)
+        own = {"stack": self.prior, **self.control, "law": self.law}  # who knows nothing has no other law either
+        return LawPlan(ControlSettings().changed(own), self.prior)
 
 
 LAW_COMPARED: Mapping[str, Any] = {"law": "auto", "prior": "truth", "latency": 0}

@@ -92,7 +92,7 @@ def test_a_hard_over_is_measured_where_the_actuator_went_and_shows_as_stuck() ->
 def test_a_law_that_knows_nothing_waits_for_the_identifier_and_then_flies() -> None:
     log = flown(replace(find_scenario("learn_to_fly"), duration=9.0))
     laws = [one.law for one in log.statuses]
-    assert laws[0] == "fixed" and laws[-1] == "indi" and not log.departed
+    assert laws[0] == "hold" and laws[-1] == "indi" and not log.departed
     assert abs(math.degrees(track(log, 5.0, 0.02).roll_rms)) < 2.5
 
 
