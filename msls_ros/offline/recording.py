@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from msls_ros.bags import BagError, BagMessage, BagReader, Sample, SampleDecoder
+from msls_ros.bags import AnyReader, BagError, BagMessage, Sample, SampleDecoder, open_any
 
 T = TypeVar("T")
 Stamped = list[tuple[int, T]]
@@ -108,7 +108,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
     BagError
         If it is not a bag, or holds nothing of an identifier or of its inputs.
     """
-    reader = BagReader(bag)
+    reader = open_any(bag)
     streams = _Streams(reader)
     for batch in reader.batches():
         for message in batch:
@@ -131,7 +131,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
 class _Streams:
     """Sorts messages by aircraft and topic."""
 
-    def __init__(self, reader: BagReader) -> None:
+    def __init__(self, reader: AnyReader) -> None:
         self._reader = reader
         self._decoders: dict[str, SampleDecoder] = {}
         self._places: dict[str, tuple[str, str] | None] = {}
