@@ -85,7 +85,7 @@ def plan(
 
 
 def _settings(base: Configuration, comparisons: Sequence[tuple[str, tuple[str, ...]]]) -> Iterator[Setting]:
-    """Yield all combinations of the values, each of the type that its parameter has."""
+    """Yield all combinations of the values, each of the type that its parameter has; first what is configured."""
     known = as_mapping(base)
     axes = []
     for name, texts in comparisons:
@@ -103,7 +103,10 @@ def _settings(base: Configuration, comparisons: Sequence[tuple[str, tuple[str, .
         values = [_typed(text, known[name]) for text in texts]
         _refuse_twice([f"{value}" for value in values], f"--compare {name}")
         axes.append([(name, value) for value in values])
-    yield from itertools.product(*axes)
+    combinations = list(itertools.product(*axes))
+    if comparisons and tuple((name, known[name]) for name, _ in comparisons) not in combinations:
+        yield ()
+    yield from combinations
 
 
 def _typed(text: str, like: Any) -> Any:

@@ -120,7 +120,7 @@ def check_sizes(record: Record, reference_speed: float) -> Iterator[Finding]:
     """Yield states and accelerations of a strange size: degrees for radians, another unit of speed or force."""
     for name, series in record.series.items():
         where, values = f"inputs.{name}", series.values
-        leaf = name.rpartition(".")[2]
+        leaf = name.removeprefix("states.")
         if leaf in ("P", "Q", "R", "angular_velocity"):
             top = float(np.quantile(np.abs(values), 0.99))
             if top > 12.0:
@@ -131,7 +131,7 @@ def check_sizes(record: Record, reference_speed: float) -> Iterator[Finding]:
             yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * series.stream.scale[0]:.6g}")
         elif name == "specific_force":
             yield from _force(where, values)
-        elif name in ("velocity", "airspeed") or leaf == "u":
+        elif name in ("velocity", "airspeed", "states.u"):
             yield from _speed(where, values, reference_speed)
     for axis in record.inputs.imu_position:
         if abs(axis) > 50.0:

@@ -107,7 +107,7 @@ def _check_derivative(record: Record, derivative: str, state: str) -> Iterator[F
     measured = windowed(given, width)
     slope, measured = slope - slope.mean(axis=0), measured - measured.mean(axis=0)
     now = misfit(slope, measured)
-    if now < 0.5 or slope.std() < 1e-6:
+    if now < 0.8 or slope.std() < 1e-6:
         return
     where, leaf = f"inputs.{derivative}", state.rpartition(".")[2]
     what = f"is not the derivative of {leaf} (misfit {now:.2g}; 0 agrees, 2 unrelated, 4 opposite)"

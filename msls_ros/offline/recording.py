@@ -85,6 +85,9 @@ class Recording:
     diagnostics: dict[str, dict[str, str]]
     """The last values of each status in /diagnostics, by its name."""
     warnings: list[str] = field(default_factory=list)
+    refused: dict[str, int] = field(default_factory=dict)
+    examples: dict[str, str] = field(default_factory=dict)
+    """Of a log that is read through a map: what the map's reader refused, by reason, and the first of each."""
 
     def samples(self, leaf: str) -> Stamped[Sample]:
         """Return the samples of a topic that can be decoded."""
