@@ -119,7 +119,8 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
     """Return the lines of a table: a line of each scenario, below it one for each noise and setting."""
     lines = [["", *(name for name, _ in columns)]]
     lines += [
-        [f"  {cell.noise:4}  {cell.label}".rstrip(), *(cell_of(one) for _, cell_of in columns)] for cell, one in found
+        [f"  {cell.noise:4}  {cell.label or _plain(found)}".rstrip(), *(cell_of(one) for _, cell_of in columns)]
+        for cell, one in found
     ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     head, *rest = (
@@ -131,6 +132,11 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
         table.append(f"{name}: {watches[name].symbol}, {watches[name].derivative}")
         table += [line for _, line in group]
     return table
+
+
+def _plain(found: Sequence[tuple[Cell, dict[str, Any]]]) -> str:
+    """Return what a cell without a setting is called: nothing, where no other cell has one."""
+    return "as configured" if any(cell.setting for cell, _ in found) else ""
 
 
 def _range(found: dict[str, float] | None, factor: float = 1.0) -> str:

@@ -26,13 +26,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.inputs.field_paths import listed
-from msls_ros.inputs.input_map import VECTORS, InputMap, StreamInput, TopicInput
+from msls_ros.inputs.input_map import AIR_DATA, VECTORS, WIND, InputMap, StreamInput, TopicInput
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
 
@@ -125,7 +125,7 @@ class InputAdapter:
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
-        self._arm = _arm(inputs, self.methods)
+        self._arm, self._vane = _arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
         columns = 2 * len(self._states) + len(self._effectors) + 3
@@ -204,7 +204,7 @@ class InputAdapter:
         """
         for topic, msgtype in self.topics.items():
             if topic not in topics:
-                message = f"no topic {topic} ({msgtype}); there are {listed(sorted(topics))}"
+                message = f"no topic {topic} ({msgtype}); there are {listed(sorted(topics))}{nearest(topic, topics)}"
                 raise EstimationError(message)
             if topics[topic] != msgtype:
                 message = f"topic {topic} has type {topics[topic]}; the inputs expect {msgtype}"
@@ -285,11 +285,14 @@ class InputAdapter:
         """Return every number of an instant by name, vectors in our frames."""
         at: dict[str, float] = {}
         earth: tuple[Values, str] | None = None
+        wind: tuple[Values, str] | None = None
         for stream, found in zip(self._streams, values, strict=True):
             if stream.name == "attitude":
                 phi, theta, psi = frames.euler_angles(found, stream.body, stream.earth)
                 at["Phi"], at["Theta"] = self._unwrapped("Phi", phi), theta
                 at["Psi"] = self._unwrapped("Psi", psi)
+            elif stream.name == WIND:
+                wind = (*found, 0.0)[:3], stream.earth
             elif stream.earth:
                 earth = found, stream.earth
             elif stream.name in VECTORS:
@@ -300,6 +303,13 @@ class InputAdapter:
         if earth is not None:
             body = frames.to_body(frames.to_ned(*earth), (at["Phi"], at["Theta"], at["Psi"]))
             at.update(zip(_VELOCITY, body, strict=True))
+        if "airspeed" in at:
+            turning = frames.cross((at["P"], at["Q"], at["R"]), self._vane) if any(self._vane) else (0.0, 0.0, 0.0)
+            moved = frames.air_velocity(at["airspeed"], at["alpha"], at["beta"])
+            at.update((n, v - c) for n, v, c in zip(_VELOCITY, moved, turning, strict=True))
+        if wind is not None:
+            blown = frames.to_body(frames.to_ned(*wind), (at["Phi"], at["Theta"], at["Psi"]))
+            at.update((n, at[n] - v) for n, v in zip(_VELOCITY, blown, strict=True))
         return at
 
     def _known_derivatives(self, at: Mapping[str, float]) -> list[float]:
@@ -334,12 +344,18 @@ def _plan(inputs: InputMap, states: tuple[str, ...], effectors: tuple[str, ...])
     unused += [n for n in inputs.streams if n.startswith("derivatives.") and n[12:] not in states]
     if unused:
         message = f"inputs.{unused[0]}: the identifier has no such name; states are {listed(states)}, "
-        raise EstimationError(message + f"effectors {listed(effectors)}")
+        close = nearest(unused[0].partition(".")[2], (*states, *effectors))
+        raise EstimationError(f"{message}effectors {listed(effectors)}{close}")
     kinematic = {*_RATES, "Phi", "Theta"} <= given.keys()
     velocity = inputs.streams.get("velocity")
     needs = {"specific_force": {*_RATES, *_VELOCITY, "Phi", "Theta"}}
     if velocity is not None and velocity.earth:
         needs["velocity"] = set(_ANGLES)
+    needs[WIND] = {*_ANGLES, *_VELOCITY}
+    needs["airspeed"] = set(_RATES) if any(inputs.vane_position) else set()
+    if any(inputs.vane_position) and "airspeed" not in inputs.streams:
+        message = "inputs.vane_position is given, but no inputs.airspeed, alpha and beta"
+        raise EstimationError(message)
     for name, needed in needs.items():
         missing = sorted(needed - given.keys())
         if name in inputs.streams and missing:
@@ -359,8 +375,14 @@ def _plan(inputs: InputMap, states: tuple[str, ...], effectors: tuple[str, ...])
 def _given(inputs: InputMap) -> dict[str, str]:
     """Return what is mapped, by the name of the number, and the entry that maps it."""
     given: dict[str, str] = {}
+    air = [name for name in AIR_DATA if name in inputs.streams]
+    if air and len(air) < len(AIR_DATA):
+        missing = [name for name in AIR_DATA if name not in air]
+        message = f"inputs.{air[0]} cannot be used without {listed(missing)}: map them too, or use inputs.velocity"
+        raise EstimationError(message)
+    gives = {**VECTORS, **dict.fromkeys(AIR_DATA, ()), "airspeed": _VELOCITY, WIND: ()}
     for name in inputs.streams:
-        for number in VECTORS.get(name, (name.removeprefix("states."),)):
+        for number in gives.get(name, (name.removeprefix("states."),)):
             if number in given:
                 message = f"'{number}' comes from both inputs.{given[number]} and inputs.{name}: leave one out"
                 raise EstimationError(message)
