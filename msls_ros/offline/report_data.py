@@ -35,7 +35,7 @@ from msls_ros.report.recorded import (
 )
 
 Array = NDArray[np.float64]
-_KINDS = {1: "detected", 2: "isolated", 3: "recovered"}
+_KINDS = {1: "detected", 2: "isolated", 3: "recovered", 4: "reset"}
 _EPOCH = 100_000_000_000_000
 """Stamps beyond this count from somewhere else than the flight's beginning [ns]."""
 _PROGRAMS = ("numpy", "numba", "rosbags", "matplotlib")

@@ -24,7 +24,7 @@ from msls_ros.report.style import (
     write,
 )
 
-_KINDS = {"detected": ("^", PINK), "isolated": ("D", BLUE), "recovered": ("o", GREEN)}
+_KINDS = {"detected": ("^", PINK), "isolated": ("D", BLUE), "recovered": ("o", GREEN), "reset": ("x", PINK)}
 _LEVELS = {"off": "#e5e9ee", "nominal": "#cfe5f3", "boosted": AMBER, "inhibited": "#9aa5b1"}
 _AIR, _RATES, _ATTITUDE = ("u", "v", "w"), ("P", "Q", "R"), ("Phi", "Theta", "Psi")
 Lines = Sequence[tuple[str, Array]]
