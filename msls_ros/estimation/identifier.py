@@ -28,6 +28,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
@@ -313,6 +314,8 @@ class Identifier:
             stop = done + 1 if self._supervisor.watching else count
             done = self._regression.advance_into(out, phi, y, done, stop)
             now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            if out.restart[done - 1] != SOUND:
+                self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
             if alarm.any():
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)

@@ -93,7 +93,7 @@ def fill_model(
             rho = state.rho[state.group[q], i]
             out.excitation[i] = min(out.excitation[i], rho)
             allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
-            reliable = rho >= layout.excitation and errors[i] <= allowed and watched
+            reliable = rho >= layout.excitation and errors[i] <= allowed and watched and state.misfits[q] == 0
             if i < r:
                 column = layout.kept[i]
                 out.a[row, column] += theta
@@ -116,7 +116,7 @@ def fill_bank_model(regression: BankRegression, layout: Layout, x: Array, out: M
         theta = regression.theta[q]
         errors, out.residual_std[row] = regression.uncertainty(q)
         np.minimum(out.excitation, regression.excitation(q), out=out.excitation)
-        reliable = errors <= allowed[q]
+        reliable = (errors <= allowed[q]) & (regression.state.misfits[q] == 0)
         out.a[row, layout.kept] += theta[:r]
         out.a_std[row, layout.kept] = errors[:r]
         out.a_reliable[row, layout.kept] = reliable[:r]
