@@ -116,10 +116,12 @@ def test_inspect_says_what_is_wrong_and_suggests_a_map_that_works(
     flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = log_of("rosbag2", flight, tmp_path)
+    good, bad = tmp_path / "good.yaml", tmp_path / "bad.yaml"
     assert inspect.main([str(log), "--suggest"]) == 0
     text = capsys.readouterr().out
-    good, bad = tmp_path / "good.yaml", tmp_path / "bad.yaml"
-    good.write_text(text)
+    assert inspect.main([str(log), "--suggest", str(good)]) == 0 and good.read_text() == text
+    assert inspect.main([str(log), "--suggest", str(good)]) == 2, "never overwritten"
+    capsys.readouterr()
     bad.write_text(text.replace("imu angular_velocity frame=flu", "imu angular_velocity"))
     assert inspect.main([str(log), "--params", str(good), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["wrong"] == 0
