@@ -9,12 +9,13 @@ from setuptools import setup
 NAME = "msls_ros"
 ROOMS = [
     *("estimation", "plant", "bags", "report", "fleet"),
-    *("inputs", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
+    *("inputs", "control", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
 ]
 # Each is msls_ros/commands/NAME.py with a main().
 EXECUTABLES = [
     "identifier",
     "mixer",
+    "controller",
     "plant",
     "pilot",
     "recorder",

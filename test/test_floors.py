@@ -22,17 +22,18 @@ BELOW = {
     "report": set[str](),
     "fleet": set[str](),
     "inputs": {"estimation"},
-    "flights": {"plant", "inputs", "estimation"},
+    "control": {"estimation"},
+    "flights": {"plant", "inputs", "estimation", "control"},
     "campaigns": {"flights", "fleet"},
     "offline": {"bags", "inputs", "estimation", "flights", "report"},
     "paper": {"flights", "report"},
-    "nodes": {"inputs", "plant", "bags", "flights", "offline"},
+    "nodes": {"inputs", "control", "plant", "bags", "flights", "offline"},
     "commands": {"nodes", "paper", "offline", "campaigns", "report", "fleet"},
 }
 """The rooms that each may import; what those may import, it may too."""
 MODULES = {
-    "records": {"estimation"},
-    "messages": {"estimation", "records"},
+    "records": {"estimation", "control"},
+    "messages": {"estimation", "control", "records"},
     "testing": {"nodes", "inputs", "estimation", "messages"},
 }
 """The modules beside the rooms, and what they may import."""
@@ -46,6 +47,7 @@ OWN = {
     "report": {"matplotlib"},
     "fleet": {"dask", "distributed"},
     "inputs": {"yaml"},
+    "control": {"numba"},
     "flights": {"yaml"},
     "campaigns": set[str](),
     "offline": set[str](),

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from typing import Any
 
-from msls_ros.campaigns.flight import Cell, Row
+import numpy as np
+
+from msls_ros.campaigns.flight import ANGLES, Cell, Row
 from msls_ros.flights.judging import ALARM_WINDOW, LATE, PEERS, SETTLED
 from msls_ros.flights.spread import Spread, spread
 
@@ -61,7 +64,23 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
             "flight": sum(not row["finite"] for row in flown),
             **{name: sum(not row[name]["finite"] for row in flown) for name in ESTIMATORS},
         },
+        "tracking": _tracking([row["tracking"] for row in flown if "tracking" in row]),
         "errors": sorted({row["error"] for row in rows if row["error"] is not None}),
+    }
+
+
+def _tracking(rows: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return how the flights followed their commands; a flight that departed has recovered never."""
+    if not rows:
+        return None
+    never = [math.inf if row["recovery_s"] is None else row["recovery_s"] for row in rows]
+    median = float(np.median(never))
+    return {
+        "kept": sum(row["kept"] for row in rows),
+        "of": len(rows),
+        **{name: _spread(row[name] for row in rows) for name in (*ANGLES, "fixed_share")},
+        "recovery_median_s": None if math.isinf(median) else median,
+        "why": sorted({row["why"] for row in rows if row["why"]}),
     }
 
 
@@ -91,6 +110,11 @@ def render(cells: Sequence[Cell], summaries: Sequence[dict[str, Any]]) -> str:
             ("Error bars, non-finite values, dither", TRUST),
         )
     ]
+    if any(summary["tracking"] is not None for summary in summaries):
+        tracked = [one for one in found if one[1]["tracking"] is not None]
+        tables.insert(
+            0, "\n".join(["The law: flights kept, tracking from the fault on, median (range)", *_table(tracked, LAW)])
+        )
     failures = [f"failed: {error}" for summary in summaries for error in summary["errors"]]
     notes = [textwrap.fill(note, WIDTH, subsequent_indent="  ") for note in NOTES]
     return "\n\n".join([*tables, "\n".join([*notes, *dict.fromkeys(failures)])])
@@ -108,8 +132,9 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]).rstrip() for line in lines
     )
     table = [head]
-    for scenario, group in groupby(zip(found, rest, strict=True), key=lambda one: one[0][0].scenario):
-        table.append(f"{scenario.name}: {scenario.watch.symbol}, {scenario.watch.derivative}")
+    watches = {cell.scenario.name: cell.scenario.watch for cell, _ in found}
+    for name, group in groupby(zip(found, rest, strict=True), key=lambda one: one[0][0].scenario.name):
+        table.append(f"{name}: {watches[name].symbol}, {watches[name].derivative}")
         table += [line for _, line in group]
     return table
 
@@ -140,6 +165,22 @@ def _rate(summary: dict[str, Any]) -> str:
     return "-" if rate is None else f"{rate:.3g} ({summary['false_alarms']} in {hours:.3g} h)"
 
 
+def _tracked(name: str) -> Callable[[dict[str, Any]], str]:
+    return lambda summary: _range(summary["tracking"][name])
+
+
+def _recovered(summary: dict[str, Any]) -> str:
+    median = summary["tracking"]["recovery_median_s"]
+    return "never" if median is None else f"{median:.2f}"
+
+
+LAW: Sequence[Column] = (
+    ("kept", lambda s: f"{s['tracking']['kept']} of {s['tracking']['of']}"),
+    ("roll rate rms [deg/s]", _tracked("roll_rms")),
+    ("alpha max [deg]", _tracked("alpha_max")),
+    ("beta max [deg]", _tracked("beta_max")),
+    ("recovered [s]", _recovered),
+)
 ALARMS: Sequence[Column] = (
     ("flights", lambda s: str(s["flights"])),
     ("failed", lambda s: str(s["failed"])),

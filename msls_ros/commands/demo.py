@@ -9,6 +9,7 @@ import signal
 import sys
 import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +18,13 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from msls_ros.bags import check_replaceable
 from msls_ros.commands.arguments import OneLineParser, seed
 from msls_ros.commands.demo_end import prepare, write_page
+from msls_ros.commands.law_demo import show_law
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.report import default_folder, remove_report
+from msls_ros.control import LAWS, ControlError
 from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
+from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.running import BAD_INPUT
@@ -48,6 +52,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--noise", choices=list(NOISE_LEVELS), help="sensor noise (default: the scenario's)")
     result.add_argument("--seed", type=seed, default=0, help="of sensor noise, turbulence and dither (default: 0)")
     result.add_argument("--out", type=Path, help="folder for bag, summary and figures (default: out/SCENARIO)")
+    result.add_argument("--law", choices=LAWS, help="control law (default: the scenario's, else the fixed one)")
     result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
     result.add_argument("--json", action="store_true", help="print summary.json on stdout and nothing else")
     return result
@@ -58,7 +63,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         scenario = find_scenario(arguments.scenario)
-    except ScenarioError as error:
+        if arguments.law is not None:
+            scenario = replace(scenario, law=changed_law(scenario.law, {"law": arguments.law}))
+    except (ScenarioError, ControlError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
     noise = arguments.noise or scenario.noise
@@ -129,6 +136,9 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
         **write_page(record.bag),
     }
+    if scenario.law.plan is not None:
+        found["law"] = show_law(scenario, configuration, comparison, out, noise, seed)
+        found["figures"].append(found["law"]["figure"])
     summary: dict[str, Any] = json.loads(json.dumps(found), parse_constant=lambda _: None)  # JSON knows no NaN
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
@@ -186,6 +196,8 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         lines.append(
             f"  {label:<24}{_percent(e['rms_before'])}{_percent(e['peak_error'])}{_percent(e['rms_after'])}{settle:>13}"
         )
+    if "law" in s:
+        lines += ["", *_law_lines(s["law"])]
     lines += [
         "",
         f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms nominal (limit 0.012), "
@@ -198,6 +210,20 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         + ", ".join(os.path.basename(f) for f in s["figures"]),
     ]
     return "\n".join(lines)
+
+
+def _law_lines(law: dict[str, Any]) -> list[str]:
+    """Return how the law flew, beside the fixed one."""
+    columns = ("roll_rms_deg", "alpha_max_deg", "beta_max_deg")
+    lines = [f"  {'control law':<24}{'kept':>9}{'roll rms':>10}{'alpha max':>11}{'beta max':>10}{'recovered':>12}"]
+    for name in dict.fromkeys((law["name"], "fixed")):
+        one = law[name]
+        roll, alpha, beta = (one[key] for key in columns)
+        back = "never" if one["recovery_s"] is None else f"{one['recovery_s']:.2f} s"
+        kept = "yes" if one["kept"] else f"{one['departed_s']:.1f} s"
+        lines.append(f"  {name:<24}{kept:>9}{roll:>8.2f}/s{alpha:>11.2f}{beta:>10.2f}{back:>12}")
+    lines.append("  [deg, deg/s, s]; kept: or when it departed")
+    return lines
 
 
 def _percent(value: float | None) -> str:
