@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import msls_ros.plant
+from msls_ros.campaigns.naming import judge_names
 from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.fleet.work import running_code
@@ -183,6 +184,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         found["tracking"] = tracking_row(log, scenario)
     return found | {
         "coverage": coverage(scenario, log, flown),
+        "named": judge_names(scenario, log),
         "reliable_share_before": mean(reliable[(estimated_at <= at[before][-1]) & (estimated_at > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),

@@ -139,11 +139,8 @@ def _settings(
         _refuse_twice([f"{value}" for value in values], f"--compare {name}")
         axes.append([(name, value) for value in values])
     combinations = list(itertools.product(*axes))
-    if (
-        comparisons
-        and all(name in known for name, _ in comparisons)
-        and tuple((name, known[name]) for name, _ in comparisons) not in combinations
-    ):
+    configured = tuple((name, known[name]) for name, _ in comparisons if name in known)
+    if len(configured) == len(comparisons) > 0 and configured not in combinations:
         yield ()
     yield from combinations
 

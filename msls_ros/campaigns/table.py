@@ -17,6 +17,7 @@ from msls_ros.flights.spread import Spread, spread
 
 ESTIMATORS = ("msls", *PEERS)
 QUANTITIES = ("settle_s", "rms_before", "rms_after", "rms_after_now", "peak_error", "late_error", "late_error_now")
+NAMED = ("rightly", "wrongly", "not")
 HOUR = 3600.0
 WIDTH = 116
 NOTES = (
@@ -26,6 +27,8 @@ NOTES = (
     "fault, counted from the end of the ramp; where it never does, that is the end of the flight.",
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
+    "named: an effector, up to 5 s after the end of the ramp, that has truly lost a tenth of its effect or more; "
+    "wrongly: any other name. z: the share left less the true one, over its standard error.",
     "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
     "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
 )
@@ -53,6 +56,8 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "false_alarms_per_h": false / hours if hours > 0.0 else None,
         **{name: {key: _spread(row[name][key] for row in flown) for key in QUANTITIES} for name in ESTIMATORS},
         "coverage": {matrix: _pooled([row["coverage"][matrix] for row in flown]) for matrix in ("a", "b")},
+        "named": {key: sum(row["named"][key] for row in flown) for key in NAMED},
+        "named_z": _spread(abs(z) for row in flown for z in row["named"]["z"]),
         "reliable_share_before": _spread(row["reliable_share_before"] for row in flown),
         "dither_predicted_g_max": max((row["dither_predicted_g_max"] for row in flown), default=None),
         "not_finite": {
@@ -183,6 +188,8 @@ ALARMS: Sequence[Column] = (
     ("missed", lambda s: str(s["missed"]) if s["faults"] else "-"),
     ("delay [s]", lambda s: _range(s["delay_s"])),
     ("false alarms per hour", _rate),
+    ("named rightly / wrongly / not", lambda s: " / ".join(str(s["named"][key]) for key in NAMED)),
+    ("|z| of the share left", lambda s: _range(s["named_z"])),
 )
 ERRORS: Sequence[Column] = (
     ("settled MSLS", _of("msls", "settle_s", 1.0)),

@@ -40,7 +40,8 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--namespace", metavar="NS", help="which aircraft, where the log has several")
     result.add_argument("--definitions", type=Path, action="append", default=[], metavar="DIR",
                         help="folder of message definitions that a bag lacks; may be repeated")  # fmt: skip
-    result.add_argument("--suggest", action="store_true", help="print a map made from the log's own topics, to check")
+    result.add_argument("--suggest", nargs="?", const="-", metavar="FILE",
+                        help="write a map made from its topics into a new file (or to stdout), to check")  # fmt: skip
     result.add_argument("--json", action="store_true", help="print one JSON value")
     return result
 
@@ -50,9 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         reader = open_any(arguments.log, definition_paths=arguments.definitions)
-        if arguments.suggest:
-            text = suggest(reader)
-            print(json.dumps({"log": str(arguments.log), "map": text}, indent=2) if arguments.json else text, end="")
+        if arguments.suggest is not None:
+            _write_map(arguments, suggest(reader))
             return 0
         chosen = chosen_parameters(reader, arguments.params, arguments.namespace)
         with Progress(f"inspecting {arguments.log.name}", 100.0, "%") as bar:
@@ -65,6 +65,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         print_text(describe(arguments.log, chosen.source, found))
     return 1 if found.wrong else 0
+
+
+def _write_map(arguments: argparse.Namespace, text: str) -> None:
+    """Write a suggested map into a new file, or print it."""
+    if arguments.suggest != "-":
+        with Path(arguments.suggest).open("x", encoding="utf-8") as stream:
+            stream.write(text)
+    if arguments.json:
+        print(json.dumps({"log": str(arguments.log), "map": text}, indent=2))
+    elif arguments.suggest == "-":
+        print(text, end="")
+    else:
+        print(
+            f"written: {arguments.suggest}; check it, then: ./msls inspect {arguments.log} --params {arguments.suggest}"
+        )
 
 
 def summary(log: Path, source: str, found: Inspection) -> dict[str, Any]:

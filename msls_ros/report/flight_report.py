@@ -168,8 +168,10 @@ class _Builder:
             error = f" ± {number(float(p.std[-1]), 2)}" if np.isfinite(p.std[-1]) else ""
             cells = words.quality_cells(quality(p))
             rows.append([p.label, f"{number(float(p.value[-1]))}{error}", at_end, *cells])
-        heads = ("parameter", "at the end", "truth", "rms error / rms truth", "truth within the 95 % band", "reliable",
-                 "within the band while reliable")  # fmt: skip
+        heads = ["parameter", "at the end", "truth", "rms error / rms truth", "truth within the 95 % band", "reliable",
+                 "within the band while reliable"]  # fmt: skip
+        if self.flight.truth is None:
+            rows, heads = [[row[0], row[1], row[5]] for row in rows], [heads[0], heads[1], heads[5]]
         self._add("parameters", "Parameters", body + page.table(heads, rows, numbers=range(1, 7)))
 
     def _flight(self) -> None:
