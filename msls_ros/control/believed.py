@@ -56,6 +56,10 @@ class Believed:
         self._back = np.ascontiguousarray(aircraft.effectors_from_surfaces)
         self._back2 = self._back**2
         self._mode = settings.model if aircraft.prior is not None else "entry"
+        if settings.law == "lq" and self._mode == "surface":
+            self._mode = (
+                "entry"  # where a surface pitches less and rolls as before, one number for it misleads the servo
+            )
         self.reset()
 
     def reset(self) -> None:

@@ -266,7 +266,7 @@ class Controller:
         if law == INDI:
             return self._indi.command(self.believed, self._filters, wanted, stuck, measured, before)
         if law == LQ:
-            acceleration = self._filters.acceleration
+            acceleration = self._filters.unfiltered
             return self._lq.command(motion, acceleration, command, self._reference, stuck, measured, before, period)
         return None
 

@@ -71,6 +71,8 @@ class Filters:
         self._bandwidth = bandwidth
         self.positions, self.acceleration, self.velocity_rates = np.zeros(surfaces), np.zeros(3), np.zeros(3)
         """(s,) filtered positions [rad], (3,) filtered angular accelerations, (3,) rates of u, v, w."""
+        self.unfiltered = np.zeros(3)
+        """(3,) angular accelerations as measured, where they are."""
         self.moved, self.response = np.zeros(surfaces), np.zeros(3)
         """Their changes since the last sample."""
         self.restart()
@@ -97,6 +99,7 @@ class Filters:
             self.positions = positions.copy()
             self.acceleration = np.zeros(3) if xdot is None else xdot[3:6].copy()
             self.velocity_rates = np.zeros(3) if xdot is None else xdot[:3].copy()
+            self.unfiltered = self.acceleration
             self.moved, self.response = np.zeros_like(positions), np.zeros(3)
             return
         share = -math.expm1(-self._bandwidth * period)
@@ -108,9 +111,10 @@ class Filters:
         if xdot is None:
             derivative = states / period
             self.acceleration, self.velocity_rates = derivative[3:6], derivative[:3]
+            self.unfiltered = self.acceleration
             self.positions = self._low_passed - 0.5 * change
         else:
             self.acceleration = was + share * (xdot[3:6] - was)
-            self.velocity_rates = xdot[:3].copy()
+            self.velocity_rates, self.unfiltered = xdot[:3].copy(), xdot[3:6].copy()
             self.positions = self._low_passed
         self.moved, self.response = self.positions - before, self.acceleration - was

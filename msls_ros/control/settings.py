@@ -37,7 +37,7 @@ class ControlSettings:
     model: str = parameter(
         "surface",
         "what of the identified B is believed: surface (an effectiveness of each surface, on the prior), entry (each "
-        "number for itself; without a prior always), raw (the estimate as it is), frozen (the prior alone)",
+        "number for itself; always so without a prior, and of the law lq), raw (the estimate as it is), frozen (the prior)",
         choices=SOURCES,
         in_flight=False,
     )
