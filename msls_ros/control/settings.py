@@ -36,8 +36,8 @@ class ControlSettings:
     )
     model: str = parameter(
         "surface",
-        "what of the identified B is believed: surface (an effectiveness of each surface, on the prior), entry (each "
-        "number for itself; always so without a prior, and of the law lq), raw (the estimate as it is), frozen (the prior)",
+        "what of the identified B is believed: surface (effectiveness of each surface, on the prior), entry (each "
+        "number for itself; always so without a prior, and of the law lq), raw (the estimate), frozen (the prior)",
         choices=SOURCES,
         in_flight=False,
     )
