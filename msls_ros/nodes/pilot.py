@@ -16,7 +16,7 @@ from msls_ros.flights.closed_loop import still_air
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.plant import chosen_condition
-from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.quality import INPUT, OUTPUT, listen, publish
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import STATES, RollDoublet, make_pilot, parse_manoeuvre
 
@@ -67,8 +67,8 @@ class PilotNode(Node):
         self._stamps = StampGate("state sample")
         self._refusals = Refusals(self)
         self._answered = 0
-        self.command_publisher = self.create_publisher(EffectorCommand, "command", OUTPUT)
-        self.create_subscription(StateSample, "state", self._on_state, INPUT)
+        self.command_publisher = publish(self, EffectorCommand, "command", OUTPUT)
+        listen(self, StateSample, "state", INPUT, self._on_state, self._refusals.take)
         self._diagnostics = Diagnostics(self, self._health, self.refused)
 
     @property
