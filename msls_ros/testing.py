@@ -45,7 +45,7 @@ from msls_ros.nodes.quality import INPUT
 
 __all__ = ["PATIENCE", "Bench", "IdentifierBench"]
 
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Wall clock after which what was waited for will not come [s]."""
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""

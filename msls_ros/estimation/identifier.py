@@ -19,7 +19,7 @@ from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
 from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
-from msls_ros.estimation.dither_law import Knowledge
+from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
 from functools import partial
 from typing import Any
 
@@ -62,6 +62,7 @@ PARAMETERS = {
     "stale_after": fixed(
         0.1, "real time: a dither older than this is not added, nor held for longer", unit="s", low=0.001, high=3600.0
     ),
+    "latency": fixed(0, "samples by which commands reach the actuators late", unit="samples", low=0, high=20),
     "publish_clock": fixed(True, "publish /clock; false where another clock is the time of the system"),
     "wait_for_dither": fixed(True, "lockstep: wait for the identifier too, not only for the pilot"),
     "time_out": fixed(
@@ -163,6 +164,7 @@ class PlantNode(Node):
         instruments = parse_instruments(p["sensors"]) if p["sensors"] else None
         self._sensors = make_sensors(instruments, p["noise"], p["seed"])
         self._held = self._aircraft.trim.delta
+        self._late = deque([self._held] * p["latency"])
         self._index = -1
         self._answers: dict[str, Any] = {"command": None, "dither": None}
         self._arrived = {"command": 0, "dither": 0}
@@ -266,8 +268,9 @@ class PlantNode(Node):
         if self._answers["dither"] is None:
             self._mixer.drop("no dither")
         total = self._aircraft.trim.delta if command is None else self._mixer.mix(now, command).command
-        self._held = total
-        self._fly(total)
+        self._late.append(total)
+        self._held = self._late.popleft()
+        self._fly(self._held)
         self._publish()
 
     def _fly(self, command: Any) -> None:
@@ -319,7 +322,8 @@ class PlantNode(Node):
         try:
             now = self._aircraft.time
             numbers = (request.effectiveness, request.ramp, request.stuck, request.bias)
-            fault = Fault(request.effector, now, *numbers, self._condition.airframe)
+            hard_over = request.position if request.driven else None
+            fault = Fault(request.effector, now, *numbers, hard_over, self._condition.airframe)
             response.message = self._schedule.inject(fault, self._index, self._aircraft)
             response.success = True
             self.get_logger().info(f"at {now:.3f} s: {response.message}")

@@ -1,7 +1,7 @@
 """The access policy of our nodes for SROS 2, written from the real graph: who may publish, hear, offer and call what.
 
 Run as a program it writes ``config/sros2_policy.xml`` anew. Where the identifier is the only one that may publish
-`dither`, and the stack (here: the pilot) the only one that may command, nobody else on the network can move a surface.
+`dither`, and the stack (here: controller or pilot) the only one that may command, nobody else can move a surface.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import rclpy
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.pilot import PilotNode
@@ -25,6 +26,7 @@ from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import RecorderNode
 
 KINDS: dict[str, tuple[type[Node], dict[str, Any]]] = {
+    "controller": (ControllerNode, {}),
     "identifier": (IdentifierNode, {}),
     "mixer": (MixerNode, {}),
     "pilot": (PilotNode, {}),

@@ -8,7 +8,16 @@ from copy import copy
 from functools import partial
 from typing import Any
 
-from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
+from msls_msgs.msg import (
+    ControlStatus,
+    DitherCommand,
+    EffectorCommand,
+    EffectorSample,
+    FaultEvent,
+    LinearModel,
+    PilotCommand,
+    StateSample,
+)
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -30,11 +39,15 @@ TOPICS: dict[str, Any] = {
     "truth/state": StateSample,
     "truth/model": LinearModel,
     "/clock": ClockMessage,
+    "pilot_command": PilotCommand,
+    "control_status": ControlStatus,
 }
+FIXED_LAW = tuple(TOPICS)[:-2]
+"""What there is without a controller."""
 PARAMETERS = {
     "out": fixed("flight", "folder of the bag to write"),
     "overwrite": fixed(False, "replace a bag that exists"),
-    "topics": fixed(list(TOPICS), "topics to record", choices=TOPICS),
+    "topics": fixed(list(FIXED_LAW), "topics to record", choices=TOPICS),
 }
 QUALITY = QoSProfile(depth=1000)
 _SMALLEST = 12

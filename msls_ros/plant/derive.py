@@ -2,7 +2,7 @@
 
 The aerodynamics read each surface through what is ours; the aircraft's own flight controls stay as they are::
 
-    surfaces/X-own-rad = actuator(sum of the effectors' commands - trim)
+    surfaces/X-own-rad = actuator(sum of the effectors' commands - trim, or where a fault drives it)
     surfaces/X-pos-rad = unit * fcs/X + surfaces/X-own-rad                   (measured; holds when stuck)
     surfaces/X-felt    = (damage/X-effectiveness * surfaces/X-pos-rad + damage/X-bias-rad) / unit      (by the air)
 
@@ -14,6 +14,7 @@ Nothing of the aircraft is stored in this package.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 import tempfile
@@ -109,6 +110,23 @@ def load(airframe: Airframe, ballast: float, rate: int, *, ideal: bool = False) 
         raise PlantError(message)
     fdm.disable_output()
     return fdm, derived
+
+
+def digest_of(airframe: Airframe) -> str:
+    """Return a digest of the files that a user's own model is made of; empty for one that ships with JSBSim or with us.
+
+    Parameters
+    ----------
+    airframe
+        The aircraft.
+    """
+    if not airframe.folder:
+        return ""
+    source, total = Path(airframe.folder), hashlib.sha256()
+    for folder in (source, _beside(source, "engine"), _beside(source, "systems")):
+        for path in sorted(folder.rglob("*.xml")) if folder else ():
+            total.update(f"{path.name}\n".encode() + path.read_bytes())
+    return total.hexdigest()[:16]
 
 
 def _beside(source: Path, kind: str) -> Path | None:
@@ -217,6 +235,7 @@ def _add_controls(controls: ET.Element, airframe: Airframe, ideal: bool, declare
     properties = [(f"fcs/{name}-cmd-rad", 0.0) for name in airframe.effectors]
     for name in airframe.surface_names:
         properties += [(f"damage/{name}-effectiveness", 1.0), (f"damage/{name}-bias-rad", 0.0)]
+        properties += [(f"damage/{name}-driven", 0.0), (f"damage/{name}-position-rad", 0.0)]
         properties += [(f"surfaces/{name}-trim-rad", 0.0)]
     properties += [(f"wind/{axis}-rad_sec", 0.0) for axis in "pqr"] + [(name, 0.0) for name in declared]
     for i, (name, value) in enumerate(properties):  # before the first channel, or JSBSim mis-loads the file
@@ -238,7 +257,11 @@ def _components(surface: Surface, row: dict[str, float], ideal: bool) -> Iterato
         yield ET.fromstring(f"<actuator name='{place}-pos-rad'><input>{place}-cmd-rad</input></actuator>")
     else:
         limits = f"<lag>{actuator.bandwidth!r}</lag><rate_limit>{actuator.rate_limit!r}</rate_limit>"
-        yield ET.fromstring(f"<actuator name='{place}-own-rad'><input>{place}-cmd-rad</input>{limits}</actuator>")
+        driven = f"<property>damage/{name}-position-rad</property>{_product(f'{place}-trim-rad', -1.0)}"
+        yield _function(f"{place}-driven-rad", f"<sum>{driven}</sum>")
+        test = f"<test value='{place}-driven-rad'>damage/{name}-driven gt 0.5</test>"
+        yield ET.fromstring(f"<switch name='{place}-asked-rad'><default value='{place}-cmd-rad'/>{test}</switch>")
+        yield ET.fromstring(f"<actuator name='{place}-own-rad'><input>{place}-asked-rad</input>{limits}</actuator>")
         both = f"{_product(surface.position, surface.unit)}<property>{place}-own-rad</property>"
         yield _function(f"{place}-sum-rad", f"<sum>{both}</sum>", bounds)
         yield ET.fromstring(f"<actuator name='{place}-pos-rad'><input>{place}-sum-rad</input></actuator>")

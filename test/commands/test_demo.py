@@ -24,7 +24,7 @@ from msls_ros.offline.comparison import compare
 from msls_ros.testing import Bench
 
 SEEDS = {"none": (0, 1), "low": (0, 1, 2)}
-WALL_CLOCK = ("real_time_factor", "bag", "figures")
+WALL_CLOCK = ("real_time_factor", "bag", "figures", "report")
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def test_json_is_the_summary_and_nothing_else(tmp_path: Path, capfd: pytest.Capt
     assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) >= {
         *("scenario", "seed", "noise", "samples", "detection", "false_alarms", "b43", "dither"),
-        *("real_time_factor", "bag", "figures"),
+        *("real_time_factor", "bag", "figures", "report", "verdict"),
     }
     assert set(summary["detection"]) >= {"time_s", "delay_s", "equations"}
     assert set(summary["b43"]) >= {"truth_before", "truth_after", "msls", "rls", "msls_no_detection"}
