@@ -14,6 +14,15 @@ from typing import Any
 from msls_ros.commands.arguments import OneLineParser, count, seed
 
 ROOT = Path(__file__).resolve().parents[2]
+FAULTS = ("bags", "messages", "nodes", "kills", "disks", "network", "soak")
+FAULT_SIZES = (
+    ("bags", 2000, "how many damaged copies"),
+    ("messages", 100_000, "damaged messages through the gate, and as many through the maps of other stacks"),
+    ("nodes", 5000, "damaged messages over DDS to each node"),
+    ("kills", 20, "kills of each of four nodes"),
+    ("network", 20, "seconds over a bad network"),
+    ("soak", 3600, "seconds of flight in one go"),
+)
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -30,8 +39,10 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
     campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
-    faults = commands.add_parser("faults", help="damaged bags of every format read and repaired: what was lost")
-    faults.add_argument("--bags", type=count, default=2000, help="how many damaged copies (default: 2000)")
+    faults = commands.add_parser("faults", help="damaged bags and messages, kills, disks, network, soak: what was lost")
+    faults.add_argument("--only", nargs="+", choices=FAULTS, default=FAULTS, help="parts (default: all, an hour)")
+    for name, size, what in FAULT_SIZES:
+        faults.add_argument(f"--{name}", type=count, default=size, help=f"{what} (default: {size})")
     faults.add_argument("--seed", type=seed, default=0, help="of the damage (default: 0)")
     latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
@@ -99,25 +110,12 @@ def _campaign(arguments: argparse.Namespace) -> Any:
 
 
 def _faults(arguments: argparse.Namespace) -> Any:
-    result = importlib.import_module("benchmarks.faults").measure(arguments.bags, _say, arguments.seed)
+    module = importlib.import_module("benchmarks.faults")
+    sizes = {name: getattr(arguments, name) for name, _, _ in FAULT_SIZES}
+    result = module.measure(arguments.only, sizes, _say, arguments.seed)
     if not arguments.json:
-        print(format_faults(result))
+        print(module.text(result))
     return result
-
-
-def format_faults(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table of damaged bags as text."""
-    columns = ("tried", "whole", "part", "refused", "silent", "crashed", "hung")
-    lines = [
-        "\ndamaged copies: read whole; in part, with a warning; refused in one line; with a silent loss; crashed; hung",
-        f"{'':36}" + "".join(f"{name:>9}" for name in columns) + f"{'slowest s':>11}",
-    ]
-    for row in rows:
-        cells = "".join(f"{row[name]:>9}" for name in columns)
-        lines.append(f"{row['kind']:36}{cells}{row['slowest_s']:>11.2f}")
-    totals = "".join(f"{sum(row[name] for row in rows):>9}" for name in columns)
-    lines.append(f"{'all':36}{totals}{max(row['slowest_s'] for row in rows):>11.2f}")
-    return "\n".join([*lines, *(f"{row['kind']}: {text}" for row in rows for text in row.get("examples", []))])
 
 
 def _latency(arguments: argparse.Namespace) -> Any:

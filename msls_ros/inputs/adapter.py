@@ -139,6 +139,11 @@ class InputAdapter:
         """Types by topic, as the mapping names them."""
         return {topic.topic: topic.msgtype for topic in self.inputs.topics.values()}
 
+    @property
+    def waiting(self) -> bool:
+        """Whether a message waits for others to confirm its stamp."""
+        return self._timeline.waiting
+
     def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:
         """Take a message.
 
@@ -181,12 +186,11 @@ class InputAdapter:
     def _use(self, source: TopicInput, stamp: int, message: Any) -> list[Row]:
         """Read a message whose stamp has passed; return what became complete."""
         try:
-            for index, stream in self._of_topic[source.topic]:
-                self._take(index, stream, stamp, message)
+            read = [self._take(index, stream, stamp, message) for index, stream in self._of_topic[source.topic]]
         except EstimationError as error:
             text = f"topic {source.topic} ({source.msgtype}): {error}"
             raise EstimationError(text) from None
-        if source is self.inputs.topics[self.inputs.clock]:
+        if source is self.inputs.topics[self.inputs.clock] and (any(read) or not read):
             self._aligner.tick(stamp - source.delay)
         return [row for t, values in self._aligner.ready() for row in self._rows(t, values)]
 
@@ -229,8 +233,8 @@ class InputAdapter:
         self.refused[refused.reason] += 1
         self._report(refused)
 
-    def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> None:
-        """Read a stream from a message; what cannot be used is refused, the other streams are not."""
+    def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> bool:
+        """Read a stream from a message; what cannot be used is refused (False), the other streams are not."""
         try:
             values = stream.read(message)
             size = sum(v * v for v in values)
@@ -242,11 +246,12 @@ class InputAdapter:
                 raise Refused("quaternion", text)
         except Refused as refused:
             self._refuse(refused)
-            return
+            return False
         name = stream.name.removeprefix("states.")
         if name in _ANGLES:
             values = (self._unwrapped(stream.name, values[0]),)
         self._aligner.add(index, stamp - stream.delay, values)
+        return True
 
     def _unwrapped(self, key: str, angle: float) -> float:
         self._continued[key] = angle = frames.continued(angle, self._continued.get(key, angle))
