@@ -53,7 +53,7 @@ class EstimatorParameters:
     """The recursive estimator (eqs 6-14)."""
 
     method: str = parameter(
-        "msls",
+        "bank",
         "estimator: bank (of memories, nothing to tune), msls (the paper's) or rls (to compare)",
         choices=("bank", "msls", "rls"),
         in_flight=False,

@@ -49,7 +49,7 @@ def test_the_manual_has_every_key() -> None:
 @pytest.mark.parametrize("name", shipped_aircraft())
 def test_every_shipped_aircraft_has_a_profile_with_its_limits(name: str) -> None:
     airframe = find_aircraft(name).airframe
-    profile = read_profile("f16_high_alpha" if name == "f16_matv" else name)
+    profile = read_profile("f16" if name == "f16_matv" else name)
     assert profile.effectors == airframe.effectors
     np.testing.assert_allclose(profile.dither.position_low, [one.low for one in airframe.actuators], atol=1e-4)
     np.testing.assert_allclose(profile.dither.rate_limit, [one.rate_limit for one in airframe.actuators], rtol=1e-4)
@@ -149,7 +149,7 @@ REFUSED = {
         "fcs/flap-cmd-nrm",
     ),
     "rate too low": (("rate: 50", "rate: 200"), "", "rates.flight_dynamics is 100 Hz; expected at least 200"),
-    "profile of another": (("pulse: 0.8", "pulse: 0.8"), "f16_cruise", "expected those of the plant"),
+    "profile of another": (("pulse: 0.8", "pulse: 0.8"), "f16", "expected those of the plant"),
     "manoeuvre misspelt": (("pulse: 0.8", "pulse: 0.8"), "elevator_3121", "'elevator_3211'"),
 }
 

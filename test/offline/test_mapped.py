@@ -74,7 +74,7 @@ def test_what_is_missing_is_one_line(flight: Flight, tmp_path: Path, capsys: pyt
     arguments = ("--out", tmp_path / "out", "--overwrite", "--params")
     code, _, err = run(capsys, bag, *arguments, "odometry_jointstate")
     assert code == 2 and len(err) == 1 and "no topic /odom (nav_msgs/msg/Odometry)" in err[0] and str(bag) in err[0]
-    code, _, err = run(capsys, bag, *arguments, "f16_high_alpha")
+    code, _, err = run(capsys, bag, *arguments, "f16")
     assert code == 2 and len(err) == 1 and "no topic state" in err[0]
 
 

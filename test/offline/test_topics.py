@@ -123,14 +123,14 @@ def test_a_recorder_killed_in_flight_loses_at_most_the_last_second(
     assert kept == [message.stamp_ns for message in flight[1 : 2 * len(kept) : 2]]
     assert len(kept) >= sum(at < killed - 1.0 for at in sent) > 20
 
-    arguments = [str(bag), "--params", "f16_high_alpha", "--out", str(tmp_path / "out"), "--json"]
+    arguments = [str(bag), "--params", "f16", "--out", str(tmp_path / "out"), "--json"]
     assert replay.main(arguments) == 0
     err = [line for line in capsys.readouterr().err.splitlines() if line.startswith("replay:")]
     assert len(err) == 1 and f"log time {kept[-1] / 1e9:.9g} s" in err[0]
     assert recorder.main(["--repair", str(bag)]) == 0
     assert replay.main([*arguments, "--overwrite"]) == 0
     assert "warning" not in capsys.readouterr().err
-    assert_same(outputs(tmp_path / "out" / "bag"), head(outputs_with("f16_high_alpha", flight, tmp_path), len(kept)))
+    assert_same(outputs(tmp_path / "out" / "bag"), head(outputs_with("f16", flight, tmp_path), len(kept)))
 
 
 def outputs_with(profile: str, flight: list[BagMessage], folder: Path) -> Decoded:
