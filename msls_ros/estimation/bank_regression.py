@@ -36,6 +36,7 @@ class BankRegression:
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
         self._work = make_bank_work(settings)
+        self._observed = np.zeros(0), np.zeros((0, rows))
         self.reset()
 
     def reset(self) -> None:
@@ -45,7 +46,7 @@ class BankRegression:
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; what has been learnt stays."""
-        self.settings = bank_settings(configuration)
+        self.settings = bank_settings(configuration, self.settings.straddle)
 
     def follow(self, row: int, column: int) -> None:
         """Have ``Output.followed`` hold one estimate; negative: none."""
@@ -96,7 +97,15 @@ class BankRegression:
 
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on; return the index after the last one taken."""
-        return advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out)
+        if len(self._observed[0]) != len(phi):
+            self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
+        done = advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed)
+        self.noise[:] = self._observed[1][done - 1]
+        return int(done)
+
+    def observe(self, time: Array, noise: Array) -> None:
+        """Take time, (n,) [s], and variance of the noise in the states, (n, r), of the samples that come next."""
+        self._observed = time, noise
 
     @property
     def theta(self) -> Array:
@@ -130,6 +139,14 @@ class BankRegression:
         errors = np.empty(p)
         residual = bank_errors(self.settings, self.state, row, self.noise, self._work.e, self._work.w, errors)
         return errors, residual
+
+    def best(self) -> tuple[Array, Array, Array]:
+        """(r, p) each: the best known estimates, their standard errors, and when they were known [s]; NaN: never."""
+        x = self.state
+        known = np.isfinite(x.best_square)
+        found = (np.where(known, v, np.nan) for v in (x.best, np.sqrt(x.best_square), x.best_time))
+        value, error, time = (np.roll(v, -1, axis=1) for v in found)
+        return value, error, time
 
     def forgetting(self, row: int) -> float:
         """Forgetting factor of a row: the members' mean, by their shares [1]."""

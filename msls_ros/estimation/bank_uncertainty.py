@@ -30,6 +30,10 @@ from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
+REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
+"""Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
+SYSTEMATIC = 0.12
+"""Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
 LARGEST_COLOUR = 0.98
 """The autocorrelation is not taken for more: the memory holds no more independent stretches."""
 
@@ -58,35 +62,45 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
     for m in range(e.shape[0]):
         e[m] *= x.errors[q, m] * deviation[m]
     square = sum_members(e)
-    if x.age[x.group[q]] > x.mixed.shape[1]:
+    age, p = x.age[x.group[q]], x.mixed.shape[1]
+    begun = age - (2 * p if x.samples[0] < age + 1 else p)
+    if begun > 0:
         weight = max(x.gate[q], s.quiet)
         fade = 1.0 - (1.0 - s.residual_forgetting) * weight
         x.residual[q, 0] = fade * x.residual[q, 0] + weight * square
-        x.residual[q, 1] = fade * x.residual[q, 1] + weight * delayed
-        x.residual[q, 2] = fade * x.residual[q, 2] + weight
+        x.residual[q, 1] = fade * x.residual[q, 1] + weight
+        if begun > s.delay:  # before, the estimates of then knew nothing
+            x.residual[q, 2] = fade * x.residual[q, 2] + weight * delayed
+            x.residual[q, 3] = fade * x.residual[q, 3] + weight
         if not math.isnan(x.e[q]):
             fade = 1.0 - (1.0 - s.colour_forgetting) * weight
             x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
-            x.colour[q, 1] = fade * x.colour[q, 1] + weight * error * error
+            x.colour[q, 1] = fade * x.colour[q, 1] + weight * 0.5 * (error * error + x.e[q] * x.e[q])
     x.e[q] = error
+
+
+@compiled
+def autocorrelation(x: BankState, q: int) -> float:
+    """Return the lag-1 autocorrelation of row q's prediction errors, 0 to `LARGEST_COLOUR` [1]."""
+    if x.colour[q, 1] <= 0.0:
+        return 0.0
+    return min(max(float(x.colour[q, 0]) / float(x.colour[q, 1]), 0.0), LARGEST_COLOUR)
 
 
 @compiled
 def long_run_factor(x: BankState, q: int) -> float:
     """Return by how much colour multiplies the variance of a mean of row q's residuals [1]."""
-    if x.colour[q, 1] <= 0.0:
-        return 1.0
-    rho = min(max(float(x.colour[q, 0]) / float(x.colour[q, 1]), 0.0), LARGEST_COLOUR)
+    rho = autocorrelation(x, q)
     return (1.0 + rho) / (1.0 - rho)
 
 
 @compiled
 def residual_variance(x: BankState, q: int) -> float:
     """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
-    if x.residual[q, 2] <= 0.0:
+    if x.residual[q, 1] <= 0.0:
         return math.inf
-    now = x.residual[q, 0] / x.residual[q, 2]
-    delayed = x.residual[q, 1] / x.residual[q, 2]
+    now = x.residual[q, 0] / x.residual[q, 1]
+    delayed = x.residual[q, 2] / x.residual[q, 3] if x.residual[q, 3] > 0.0 else now
     return math.sqrt(now) * math.sqrt(max(now, delayed)) * long_run_factor(x, q)
 
 
@@ -140,6 +154,63 @@ def leading_member(x: BankState, q: int) -> int:
 
 
 @compiled
+def direct_squares(
+    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
+) -> bool:
+    """Squared standard errors by what the members know now, (p,) out, constant first; False before 2p samples."""
+    p = squares.shape[0]
+    age = x.age[x.group[q]]
+    if x.residual[q, 1] <= 0.0 or age <= 2 * p:
+        for i in range(p):
+            squares[i] = math.inf
+        return False
+    variance = residual_variance(x, q) * age / (age - p - 2.0)
+    share = SYSTEMATIC * autocorrelation(x, q)
+    attenuation(s, x, q, noise, bias)
+    for i in range(p):
+        info = x.info[x.group[q], i]
+        theta = x.members[q, i]
+        for m in range(products.shape[0]):
+            difference = theta[m] - x.mixed[q, i]
+            products[m] = x.weight[q, m] * info[m] * difference * difference
+        stays = share * x.mixed[q, i]
+        squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
+    return True
+
+
+@compiled
+def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Squared standard error of coefficient i (constant first) by the best that was known of it."""
+    if x.best_square[q, i] == math.inf:
+        return math.inf
+    moved = x.mixed[q, i] - x.best[q, i]
+    away = 0.0
+    for j in range(x.place.shape[0]):
+        step = x.place[j] - x.best_place[q, i, j]
+        away += step * step
+    reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
+    size = x.best[q, i] / reach
+    return x.best_square[q, i] + moved * moved + size * size * away
+
+
+@compiled
+def keep_best(
+    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
+) -> None:
+    """Keep row q's estimates where they are known better than what is kept is good for now."""
+    direct_squares(s, x, q, noise, products, bias, squares)
+    for i in range(squares.shape[0]):
+        carried = carried_square(s, x, q, i)
+        x.square[q, i] = min(squares[i], carried)
+        if squares[i] <= carried and squares[i] < math.inf:
+            x.best[q, i] = x.mixed[q, i]
+            x.best_square[q, i] = squares[i]
+            x.best_time[q, i] = x.clock[0]
+            for j in range(x.place.shape[0]):
+                x.best_place[q, i, j] = x.place[j]
+
+
+@compiled
 def bank_errors(
     s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, errors: Array
 ) -> float:
@@ -164,25 +235,12 @@ def bank_errors(
         Standard deviation of the residual [output]; NaN before there is any data.
     """
     p = errors.shape[0]
-    age = x.age[x.group[q]]
-    residual = math.sqrt(x.residual[q, 0] / x.residual[q, 2]) if x.residual[q, 2] > 0.0 else math.nan
-    if x.residual[q, 2] <= 0.0 or age <= 2 * p:
-        for i in range(p):
-            errors[i] = math.inf
-        return residual
-    variance = residual_variance(x, q) * age / (age - p)
-    attenuation(s, x, q, noise, bias)
+    residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
+    direct_squares(s, x, q, noise, products, bias, errors)
     for i in range(p):
-        info = x.info[x.group[q], i]
-        theta = x.members[q, i]
-        for m in range(products.shape[0]):
-            products[m] = x.weight[q, m] * info[m]
-        total = x.known[q, i]
-        for m in range(products.shape[0]):
-            difference = theta[m] - x.mixed[q, i]
-            products[m] *= difference * difference
-        square = (variance + sum_members(products)) / total + bias[i] * bias[i]
-        errors[(i + p - 1) % p] = math.sqrt(square)
+        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)))
+    for i in range(p):
+        errors[(i + p - 1) % p] = bias[i]
     return residual
 
 

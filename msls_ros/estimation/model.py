@@ -47,6 +47,18 @@ class Model(NamedTuple):
     """(p,) least over the rows."""
 
 
+class Best(NamedTuple):
+    """The best that was known of a model; NaN where nothing is kept. n states, m effectors."""
+
+    a_best: Array
+    b_best: Array
+    a_best_std: Array
+    b_best_std: Array
+    a_best_time: Array
+    b_best_time: Array
+    """[s]"""
+
+
 class Layout(NamedTuple):
     """What `fill_model` needs to know; r rows."""
 
@@ -157,7 +169,9 @@ class Assembly:
         self._forgetting = np.full(n, math.nan)
         if not isinstance(regression, BankRegression):
             self._forgetting[kept] = regression.settings.forgetting
-        for shared in (self.a_known, self._forgetting):
+        nothing = (np.full((n, columns), math.nan) for columns in (n, len(c.effectors)))
+        self._nothing = Best(*(tuple(nothing) * 3))
+        for shared in (self.a_known, self._forgetting, *self._nothing):
             shared.setflags(write=False)
 
     def forgetting(self) -> Array:
@@ -168,6 +182,19 @@ class Assembly:
         for q, row in enumerate(self._layout.kept.tolist()):
             now[row] = self._regression.forgetting(q)
         return now
+
+    def best(self) -> Best:
+        """Return the best that was known; read-only where the estimator keeps nothing."""
+        if not isinstance(self._regression, BankRegression):
+            return self._nothing
+        n, m, _ = self._shape
+        found = Best(*(np.full((n, columns), math.nan) for _ in range(3) for columns in (n, m)))
+        kept = self._layout.kept
+        r = len(kept)
+        for place, values in zip((0, 2, 4), self._regression.best(), strict=True):
+            found[place][np.ix_(kept, kept)] = values[:, :r]
+            found[place + 1][kept] = values[:, r:-1]
+        return found
 
     def build(self, x: Array) -> Model:
         """Return the model as it stands, its known part at ``x`` (n,)."""
