@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import socket
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -44,17 +45,35 @@ from msls_ros.nodes.quality import INPUT
 
 __all__ = ["PATIENCE", "Bench", "IdentifierBench"]
 
-PATIENCE = 120.0
+PATIENCE = 300.0
 """Wall clock after which what was waited for will not come [s]."""
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
 SomeNode = TypeVar("SomeNode", bound=Node)
-_numbers = itertools.count()
+DOMAINS = range(1, 101)
+"""The DDS domains that benches use."""
+_attempts = itertools.count()
 
 
-def next_domain() -> int:
-    """Return a DDS domain that no other bench of this process has, and hardly one of another process."""
-    return 1 + (37 * os.getpid() + next(_numbers)) % 100
+def claim_domain() -> tuple[int, socket.socket]:
+    """Return a DDS domain that no other bench on this machine has, and the lock that holds it until it is closed.
+
+    Raises
+    ------
+    RuntimeError
+        If all of `DOMAINS` are taken.
+    """
+    start = 37 * os.getpid() + next(_attempts)
+    for number in range(len(DOMAINS)):
+        domain = DOMAINS[(start + number) % len(DOMAINS)]
+        lock = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            lock.bind(f"\0msls_ros_domain_{domain}")
+        except OSError:
+            lock.close()
+        else:
+            return domain, lock
+    raise RuntimeError(f"all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use by other benches")
 
 
 class Bench:
@@ -75,7 +94,7 @@ class Bench:
     def __init__(self) -> None:
         """Make the context and the probe; see the class."""
         os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-        self.domain = next_domain()
+        self.domain, self._lock = claim_domain()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -201,6 +220,7 @@ class Bench:
             node.destroy_node()
         self.executor.shutdown()
         self.context.shutdown()
+        self._lock.close()
 
 
 class IdentifierBench:

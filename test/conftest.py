@@ -1,4 +1,4 @@
-"""Nodes on a bench (executors in this process over real DDS, in a domain of its own), and programs of Dask."""
+"""A DDS domain for each process of pytest, nodes on a bench (in a domain of their own), and programs of Dask."""
 
 from __future__ import annotations
 
@@ -11,7 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from msls_ros.testing import PATIENCE, Bench
+from msls_ros.testing import PATIENCE, Bench, claim_domain
+
+DOMAIN, _domain_lock = claim_domain()
+"""Of what this process of pytest starts beside the benches."""
+os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
+os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 
 
 @pytest.fixture

@@ -33,7 +33,7 @@ from msls_ros.flights.judging import (
 )
 from msls_ros.flights.scenarios import Scenario
 from msls_ros.flights.watch import Watch
-from msls_ros.plant import PlantError
+from msls_ros.plant import PlantError, digest_of
 
 Array = NDArray[np.float64]
 Stacks = Mapping[str, NDArray[Any]]
@@ -67,7 +67,7 @@ class Cell:
         """Return a digest of all that decides a flight, our code included; what does not (a comment) is not in it."""
         s = self.scenario
         decides = (s.name, s.flight(self.noise, seed), s.watch, self.setting, as_mapping(self.configuration))
-        return hashlib.sha256(repr((decides, versions())).encode()).hexdigest()[:32]
+        return hashlib.sha256(repr((decides, versions(), digest_of(s.airframe))).encode()).hexdigest()[:32]
 
 
 SHORT = {

@@ -23,8 +23,9 @@ from msls_ros.estimation.dither_limits import (
     CAP,
     CORNER,
     LONGEST,
+    MOST,
+    PROMISED,
     SEQUENCE,
-    SHARE,
     WEIGHT,
     Effectors,
     boost,
@@ -226,23 +227,35 @@ def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: 
 
 
 @compiled
-def modelled_square(law: Law, x: Effectors, b: Array, ahead: bool, scratch: Array) -> float:
+def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float, scratch: Array) -> float:
     """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
 
-    Now, or ``ahead`` by the longest interval of late, in which the last commands are held.
+    Now, or ``ahead`` [s] of now when ``part`` of the last commands has been held so long.
     """
     axial = lateral = normal = 0.0
     for j in range(x.surface.shape[0]):
         felt(b, law.rows, law.station, j, scratch)
         surface = x.surface[j]
-        if ahead:
+        if ahead > 0.0:
             corner = x.limits[j, CORNER]
-            pole = exponential(-corner * x.clock[LONGEST]) if corner > 0.0 else 0.0
-            surface += (1.0 - pole) * (x.command[j] - surface)
+            pole = exponential(-corner * ahead) if corner > 0.0 else 0.0
+            surface += (1.0 - pole) * (part * x.command[j] - surface)
         axial += scratch[0] * surface
         lateral += scratch[1] * surface
         normal += scratch[2] * surface
     return axial * axial + lateral * lateral + normal * normal
+
+
+@compiled
+def held_square(law: Law, x: Effectors, b: Array, hold: float, part: float, scratch: Array) -> float:
+    """Integral of the square over ``hold`` s of ``part`` of the commands, and until the surfaces rest [m^2/s^3].
+
+    Simpson's rule over the hold; what follows decays with the slowest actuator.
+    """
+    now = modelled_square(law, x, b, 0.0, part, scratch)
+    middle = modelled_square(law, x, b, 0.5 * hold, part, scratch)
+    then = modelled_square(law, x, b, hold, part, scratch)
+    return hold * (now + 4.0 * middle + then) / 6.0 + law.rest * then
 
 
 @compiled
@@ -317,7 +330,7 @@ def inject(
         held = min(dt, law.stale_after)
         factor = 1.0
         if unit > 0.0:
-            share = unit * modelled_square(law, x, known.b[k], False, scratch[3, :3])
+            share = unit * modelled_square(law, x, known.b[k], 0.0, 0.0, scratch[3, :3])
             factor = spend(x, time[k] - (dt - held), held, share)
         if dt > law.stale_after or not law.enabled:
             rest(law, x, time[k] - (dt - held), dt - held)
@@ -379,20 +392,28 @@ def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
 def hold_back(
     law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
 ) -> None:
-    """Lower the commands ``out`` (m,) where held for another interval they would overdraw the window.
+    """Lower the commands ``out`` (m,) where, held, they would overdraw the window.
 
-    The square of the acceleration over that interval counts as the mean of now and then, and what comes after it as
-    that of surfaces that come to rest.
+    Held for the longest interval of late they may fill it to `MOST`, and for `stale_after`, if no sample comes, to
+    `PROMISED`. The integral is a quadratic in the part of the commands that is sent.
     """
-    then = unit * modelled_square(law, x, b, True, scratch)
-    half = 0.5 * x.clock[LONGEST]
-    left = left_of_window(x, x.clock[LONGEST] + 2.0 * law.rest)
-    allowed = (left - half * x.clock[SHARE]) / (half + law.rest)
-    if then <= allowed:
-        return
-    factor = math.sqrt(max(allowed, 0.0) / then)
-    for j in range(out.shape[0]):
-        out[j] = move(x, j, factor * out[j], delta[j], dt)
+    for unforeseen in range(2):
+        hold, most = (law.stale_after, PROMISED) if unforeseen else (x.clock[LONGEST], MOST)
+        allowed = left_of_window(x, hold + 2.0 * law.rest, most) / unit
+        whole = held_square(law, x, b, hold, 1.0, scratch)
+        if whole <= allowed:
+            continue
+        nothing = held_square(law, x, b, hold, 0.0, scratch)
+        half = held_square(law, x, b, hold, 0.5, scratch)
+        square = 2.0 * (whole + nothing) - 4.0 * half
+        linear = whole - nothing - square
+        part = 0.0
+        if square > 0.0:
+            root = linear * linear - 4.0 * square * (nothing - allowed)
+            part = (-linear + math.sqrt(max(root, 0.0))) / (2.0 * square)
+        part = min(max(part, 0.0), 1.0)
+        for j in range(out.shape[0]):
+            out[j] = move(x, j, part * out[j], delta[j], dt)
 
 
 @compiled

@@ -34,7 +34,9 @@ WINDOW = 1.0
 AHEAD = 0.2
 """What is left of the window's square is spent over this time [s]."""
 MOST = 1.0
-"""Largest rms over the window that is aimed at, over the limit: 1.1 is promised, and B-hat errs, intervals vary."""
+"""Largest rms over the window that is aimed at, over the limit: B-hat errs, intervals vary."""
+PROMISED = 1.1
+"""Largest rms over the window, over the limit, also when no sample comes any more."""
 INTERVALS = 20.0
 """Memory of the mean poles [samples]."""
 ACHIEVED = 2.0
@@ -197,16 +199,19 @@ def spend(x: Effectors, time: float, dt: float, share: float) -> float:
     x.clock[SLOT] = slot
     x.window[int(slot % BUCKETS)] += 0.5 * (share + x.clock[SHARE]) * min(dt, WINDOW)
     x.clock[SHARE] = share
-    return math.sqrt(min(left_of_window(x, AHEAD) / AHEAD, 1.0))
+    return math.sqrt(min(left_of_window(x, AHEAD, MOST) / AHEAD, 1.0))
 
 
 @compiled
-def left_of_window(x: Effectors, ahead: float) -> float:
-    """Return what the next ``ahead`` s may add to the window: share of the squared limit times time [s], 0 or more."""
+def left_of_window(x: Effectors, ahead: float, most: float) -> float:
+    """Return what the next ``ahead`` s may add to the window: share of the squared limit times time [s], 0 or more.
+
+    ``most`` is the largest rms over the window, over the limit.
+    """
     slot, total = x.clock[SLOT], 0.0
     for i in range(int(BUCKETS * (1.0 - min(ahead / WINDOW, 1.0)))):
         total += x.window[int((slot - i) % BUCKETS)]
-    return max(MOST * MOST * WINDOW - total, 0.0)
+    return max(most * most * WINDOW - total, 0.0)
 
 
 @compiled

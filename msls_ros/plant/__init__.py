@@ -9,6 +9,7 @@ from msls_ros.plant.airframe import ACTUATORS, F16_MATV, SURFACE_ACTUATORS
 from msls_ros.plant.attitude_pilot import AnyPilot, make_pilot
 from msls_ros.plant.conditions import CONDITIONS, FlightCondition
 from msls_ros.plant.definition import OPEN_LOOP, OWN_MODEL, Airframe, AttitudeHold, Surface
+from msls_ros.plant.derive import digest_of
 from msls_ros.plant.faults import Fault, FaultSchedule, check_faults
 from msls_ros.plant.flight_test import KINDS, FlightTest, Segment, multisines, parse_manoeuvre, peak_factor
 from msls_ros.plant.instruments import (
@@ -80,6 +81,7 @@ __all__ = [
     "Trim",
     "actuator_gain",
     "check_faults",
+    "digest_of",
     "find_trim",
     "instrument_lines",
     "make_pilot",

@@ -14,6 +14,7 @@ Nothing of the aircraft is stored in this package.
 
 from __future__ import annotations
 
+import hashlib
 import re
 import shutil
 import tempfile
@@ -109,6 +110,23 @@ def load(airframe: Airframe, ballast: float, rate: int, *, ideal: bool = False) 
         raise PlantError(message)
     fdm.disable_output()
     return fdm, derived
+
+
+def digest_of(airframe: Airframe) -> str:
+    """Return a digest of the files that a user's own model is made of; empty for one that ships with JSBSim or with us.
+
+    Parameters
+    ----------
+    airframe
+        The aircraft.
+    """
+    if not airframe.folder:
+        return ""
+    source, total = Path(airframe.folder), hashlib.sha256()
+    for folder in (source, _beside(source, "engine"), _beside(source, "systems")):
+        for path in sorted(folder.rglob("*.xml")) if folder else ():
+            total.update(f"{path.name}\n".encode() + path.read_bytes())
+    return total.hexdigest()[:16]
 
 
 def _beside(source: Path, kind: str) -> Path | None:

@@ -2,189 +2,31 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 
 import numpy as np
 import pytest
+from estimation.dither_bench import (
+    LITERAL,
+    ROWS,
+    M,
+    accelerations,
+    aircraft,
+    clock,
+    drive,
+    known,
+    law,
+    stamped,
+    true_surfaces,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from msls_ros.estimation import Configuration, DitherBlock, DitherLaw, EstimationError, Level, from_mapping
+from msls_ros.estimation import EstimationError, Level, from_mapping
 from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
-from msls_ros.estimation.dither_law import LARGEST_EFFECT, START, Knowledge
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.dither_law import LARGEST_EFFECT, START
 from msls_ros.estimation.kinematics import GRAVITY
-from msls_ros.estimation.sequences import CREST, multisines, peak_factor
-
-M = 7
-LIMITED = {
-    "dither.actuator_bandwidth": [20.0] * M,
-    "dither.rate_limit": [1.0, 2.0, 1.0, 1.4, 1.4, 0.8, 0.8],
-    "dither.position_low": [-0.4] * M,
-    "dither.position_high": [0.4] * M,
-    "dither.acceleration": "rms",
-    "dither.allocation": "information",
-}
-LITERAL = {"acceleration": "worst_case", "allocation": "equal"}
-ROWS = np.arange(6)
-
-
-def law(**changes: object) -> tuple[DitherLaw, Configuration]:
-    configuration = from_mapping({**LIMITED, **{f"dither.{k}": v for k, v in changes.items()}})
-    return DitherLaw(configuration), configuration
-
-
-def known(n: int, b: Array, std: float = 0.0, excitation: float = 1.0, alarms: tuple[int, ...] = ()) -> Knowledge:
-    """Return what is known of B (6, m) at n samples; ``std`` is relative to each entry."""
-    alarm = np.zeros((n, 6), np.int64)
-    alarm[list(alarms), 3] = 1
-    m = b.shape[1]
-    with np.errstate(all="ignore"):
-        square = np.square(std * b)
-    variance = square if math.isfinite(std) else np.full(b.shape, math.inf)
-    return Knowledge(np.tile(b, (n, 1, 1)), np.tile(variance, (n, 1, 1)), np.full((n, m), excitation), alarm)
-
-
-def clock(n: int, step: float = 0.02) -> Array:
-    return step * np.arange(n, dtype=np.float64)
-
-
-def drive(dither: DitherLaw, knowledge: Knowledge, step: float = 0.02) -> DitherBlock:
-    n, _, m = knowledge.b.shape
-    return dither.commands(clock(n, step), knowledge, np.zeros((n, m)))
-
-
-def aircraft(seed: int = 0, m: int = M) -> Array:
-    """Return a B (6, m) of the size of a real one."""
-    scale = np.array([1.0, 3.0, 8.0, 3.0, 1.5, 1.0])[:, None]
-    return scale * np.random.default_rng(seed).standard_normal((6, m))
-
-
-def accelerations(b: Array, surfaces: Array, c: Configuration) -> Array:
-    """Return the acceleration (n, 3) at the pilot by the surfaces (n, m) [m/s^2] (eq 20), written out anew."""
-    u, v, w, p, q, r = b @ surfaces.T
-    ahead, above, right = c.dither.pilot_forward, c.dither.pilot_above, c.dither.pilot_right
-    arm = np.array([ahead, right, -above])
-    return np.stack([u, v, w], axis=1) + np.cross(np.stack([p, q, r], axis=1), arm)
-
-
-def true_surfaces(time: Array, commands: Array, corner: float, hold: float) -> tuple[Array, Array, Array]:
-    """Return share of the surface, rate just after each command, and share in fine steps, of a first-order actuator."""
-    surface = np.zeros(commands.shape[1])
-    shares, rates, fine = [], [], []
-    for k, command in enumerate(commands):
-        shares.append(surface)
-        rates.append(corner * (command - surface))
-        dt = time[k + 1] - time[k] if k + 1 < len(time) else 0.0
-        for part in np.linspace(0.0, min(dt, hold), 9)[1:]:
-            fine.append(command + (surface - command) * math.exp(-corner * part))
-        surface = command + (surface - command) * math.exp(-corner * min(dt, hold))
-        surface = surface * math.exp(-corner * max(dt - hold, 0.0))
-    return np.array(shares), np.array(rates), np.array(fine)
-
-
-# --- stamps ---
-
-STAMPS = {
-    "even": [0.02],
-    "jitter": [0.005, 0.035, 0.012, 0.028, 0.02],
-    "lost": [0.02, 0.02, 0.04, 0.02, 0.06, 0.02, 0.02],
-    "double rate": [0.01],
-    "half rate": [0.04],
-    "11 Hz": [1.0 / 11.0],
-    "1 kHz": [0.001],
-    "bursts": [0.001, 0.001, 0.001, 0.077],
-    "gaps": [0.02] * 30 + [0.5],
-    "silence": [0.02] * 40 + [3.0],
-}
-
-
-def stamped(kind: str, n: int, seed: int) -> Array:
-    steps = np.array(list(itertools.islice(itertools.cycle(STAMPS[kind]), n)))
-    rng = np.random.default_rng(seed)
-    if kind in ("jitter", "lost"):
-        rng.shuffle(steps)
-    return np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-
-
-@given(
-    kind=st.sampled_from(sorted(STAMPS)),
-    seed=st.integers(0, 10_000),
-    alarms=st.sets(st.integers(0, 399), max_size=4),
-    allocation=st.sampled_from(["information", "equal"]),
-    frozen=st.booleans(),
-)
-@settings(max_examples=60, derandomize=True, deadline=None)
-def test_a_true_actuator_never_passes_rate_position_cap_or_acceleration_whatever_the_stamps(
-    kind: str, seed: int, alarms: set[int], allocation: str, frozen: bool
-) -> None:
-    dither, c = law(seed=seed, allocation=allocation)
-    n, b = 400, aircraft(seed)
-    time, p = stamped(kind, n, seed), c.dither
-    knowledge = known(n, b, alarms=tuple(sorted(alarms)))
-    stack = 0.3 * np.sin(0.7 * time)[:, None] * np.ones(M)
-    commands, share, limit = np.zeros((n, M)), np.zeros(M), np.zeros(n)
-    for k in range(n):
-        dt = time[k] - time[k - 1] if k else 0.0
-        before = commands[k - 1] if k else np.zeros(M)
-        held = min(dt, p.stale_after)
-        share = (before + (share - before) * math.exp(-20.0 * held)) * math.exp(-20.0 * max(dt - held, 0.0))
-        one = Knowledge(knowledge.b[:1], knowledge.variance[:1], knowledge.excitation[:1], knowledge.alarm[k : k + 1])
-        still = frozen and 150 <= k < 200
-        block = (
-            dither.silence(time[k : k + 1])
-            if still
-            else dither.commands(time[k : k + 1], one, (stack[k] + share)[None])
-        )
-        commands[k], limit[k] = block.delta[0], block.acceleration_limit[0]
-    shares, rates, fine = true_surfaces(time, commands, 20.0, p.stale_after)
-    assert (np.abs(rates) <= np.array(p.rate_limit) * (1 + 1e-9))[commands.any(axis=1)].all()
-    assert (np.abs(fine) <= p.cap * CREST * 8.0).all()
-    assert ((stack + shares) <= 0.4 + 0.3 * 0.7 * 0.1 + 1e-9).all()
-    if kind not in ("gaps", "silence", "11 Hz") and not frozen:
-        whole = np.square(np.linalg.norm(accelerations(b, fine, c), axis=1) / GRAVITY)
-        square, step = whole.reshape(n, -1).mean(axis=1), np.diff(time, append=time[-1])
-        allowed = np.where(limit > 0.0, limit, p.limit_nominal) ** 2
-        for start in time[time < time[-1] - 1.0][::7]:
-            window = (time >= start) & (time < start + 1.0)
-            if np.ptp(limit[(time >= start - 0.2) & (time < start + 1.0)]) > 0.0:
-                continue  # the surfaces come to rest after a boost
-            assert np.sum((square / allowed * step)[window]) <= 1.1**2
-
-
-def test_a_gap_or_silence_means_zero_until_samples_come_again() -> None:
-    for kind in ("gaps", "silence"):
-        dither, _ = law()
-        time = stamped(kind, 200, 0)
-        block = dither.commands(time, known(200, aircraft()), np.zeros((200, M)))
-        late = np.flatnonzero(np.diff(time, prepend=0.0) > 0.1)
-        assert len(late)
-        assert (block.level[late] == Level.INHIBITED).all()
-        assert not block.delta[late].any()
-        assert block.delta[late[0] + 1].any()
-
-
-def test_without_an_actuator_the_command_moves_no_faster_than_the_rate_whatever_the_rate_of_the_samples() -> None:
-    for kind in ("1 kHz", "even", "half rate", "jitter"):
-        dither, c = law(actuator_bandwidth=[], position_low=[], position_high=[])
-        time = stamped(kind, 500, 1)
-        block = dither.commands(time, known(500, aircraft()), np.zeros((500, M)))
-        rate = np.abs(np.diff(block.delta, axis=0)) / np.diff(time)[:, None]
-        assert (rate <= np.array(c.dither.rate_limit) * (1 + 1e-9)).all()
-
-
-def test_a_surface_at_its_stop_is_not_pushed_further() -> None:
-    dither, _ = law()
-    n = 300
-    delta = np.zeros((n, M))
-    delta[:, 0] = 0.4
-    block = dither.commands(clock(n), known(n, np.zeros((6, M))), delta)
-    surface = 0.0
-    for k in range(n):
-        base = delta[k, 0] - surface
-        assert block.delta[k, 0] <= max(0.0, 0.4 - base) + 1e-12
-        surface = math.exp(-0.4) * surface + (1.0 - math.exp(-0.4)) * block.delta[k, 0]
+from msls_ros.estimation.sequences import multisines, peak_factor
 
 
 @given(seed=st.integers(0, 2**31 - 1), scale=st.floats(-12.0, 12.0), std=st.floats(0.0, 1e6))
@@ -382,7 +224,7 @@ def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
         shares, _, _ = true_surfaces(time, block.delta, 20.0, 1.0)
         weight = np.diff(time, append=time[-1])
         rms = np.sqrt(np.average(np.square(shares[100:]), axis=0, weights=weight[100:]))
-        assert rms == pytest.approx(np.full(M, c.dither.cap), rel=0.08), kind
+        assert rms == pytest.approx(np.full(M, c.dither.cap), rel=0.03 if kind == "even" else 0.08), kind
 
 
 def test_the_effectors_move_independently() -> None:

@@ -17,7 +17,7 @@ from msls_ros.flights.closed_loop import fly
 from msls_ros.flights.scenario_yaml import ScenarioError
 from msls_ros.flights.scenarios import find_scenario
 from msls_ros.inputs.profiles import config_folder, read_profile
-from msls_ros.plant import CONDITIONS, F16_MATV, Aircraft, PlantError
+from msls_ros.plant import CONDITIONS, F16_MATV, Aircraft, PlantError, digest_of
 
 FOLDER = config_folder() / "aircraft"
 FAULTS = {
@@ -97,6 +97,10 @@ def test_a_user_s_own_model_flies_from_its_own_folder(tmp_path: Path) -> None:
     found = find_aircraft(own(tmp_path, ("model: c172x", "model: plane/plane.xml")))
     aircraft, shipped = Aircraft(found.condition("")), Aircraft(find_aircraft("c172x").condition(""))
     np.testing.assert_allclose(aircraft.truth().b, shipped.truth().b, rtol=1e-9, atol=1e-9)
+    before = digest_of(found.airframe)
+    (tmp_path / "plane" / "plane.xml").write_text((tmp_path / "plane" / "plane.xml").read_text() + "<!-- lighter -->")
+    assert digest_of(found.airframe) != before  # a campaign flies it anew
+    assert not digest_of(find_aircraft("c172x").airframe)
 
 
 WRONG = {
