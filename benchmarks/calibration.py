@@ -1,10 +1,10 @@
 """Whether the identifier means what it says: error bars, alarms and names held against the truth, on all beds.
 
-A flight is flown once (`calibration_beds`) and identified twice: from the samples as they are, and through the window of
-mapped inputs. Every number of A and B that is identified is held against the truth of its moment, by phase:
+A flight is flown once (`calibration_beds`) and identified twice: from the samples as they are, and through the
+window of mapped inputs. Every number of A and B that is identified is held against the truth of its moment, by phase:
 
-``first second``, ``1-4 s`` after the start; ``1 s after`` and ``1-4 s after`` an alarm of its equation; ``manoeuvre``, and
-``quiet``, where for a second no angular rate has moved by a quarter of what it does over the flight.
+``first second``, ``1-4 s`` after the start; ``1 s after`` and ``1-4 s after`` an alarm of its equation; ``manoeuvre``,
+and ``quiet``, where for a second no angular rate has moved by a quarter of what it does over the flight.
 """
 
 from __future__ import annotations
@@ -94,7 +94,7 @@ def count(
     estimates: Sequence[Estimate],
     alarms: Sequence[tuple[float, tuple[str, ...]]],
 ) -> Row:
-    """Return by matrix and phase: numbers, how many are called reliable, and how far those are off, as counts of |z|."""
+    """Return by matrix and phase: numbers, how many are called reliable, how far those are off as counts of |z|."""
     c = configuration
     kept = [c.states.index(s) for s in c.rows]
     still = find_quiet(flight)
@@ -109,7 +109,13 @@ def count(
             phase = phase_of(t - float(flight.time[0]), t, times[q], bool(still[k]))
             columns = [j for j in kept if known[state, j]]
             for name, given, std, sure, truth in (
-                ("A", estimate.a[state, kept], estimate.a_std[state, kept], estimate.a_reliable[state, kept], true_a[state, kept]),
+                (
+                    "A",
+                    estimate.a[state, kept],
+                    estimate.a_std[state, kept],
+                    estimate.a_reliable[state, kept],
+                    true_a[state, kept],
+                ),
                 ("B", estimate.b[state], estimate.b_std[state], estimate.b_reliable[state], true_b[state]),
             ):
                 cell = totals[name][phase]
@@ -167,8 +173,8 @@ def judge_name(scenario: Scenario, flight: Recorded, event: FaultEvent) -> Row:
         left = true_share(scenario, flight, name, event.equations, event.time)
     else:
         left = 1.0
-    broken = name in fault.surfaces or name in airframe.effectors and bool(
-        set(airframe.surfaces_of[name]) & set(fault.surfaces)
+    broken = name in fault.surfaces or (
+        name in airframe.effectors and bool(set(airframe.surfaces_of[name]) & set(fault.surfaces))
     )
     changed = not DISTINCT[0] <= left <= DISTINCT[1]
     return {
@@ -234,7 +240,7 @@ def phase_numbers(cells: Sequence[Sequence[Any]]) -> Row:
     if not sure:
         return {"numbers": numbers, "share": share, "coverage": None, "median_z": None}
     middle = int(np.searchsorted(np.cumsum(counts), 0.5 * counts.sum()))
-    covered = int(counts[: int(round(BAND / 0.02))].sum())
+    covered = int(counts[: round(BAND / 0.02)].sum())
     return {
         "numbers": numbers,
         "share": share,

@@ -134,9 +134,7 @@ class Bench:
         node: SomeNode = make(context=self.context, parameter_overrides=given)
         return self.adopt(node)
 
-    def identifier(
-        self, profile: str | os.PathLike[str] | Configuration = "f16", **parameters: Any
-    ) -> IdentifierBench:
+    def identifier(self, profile: str | os.PathLike[str] | Configuration = "f16", **parameters: Any) -> IdentifierBench:
         """Start an identifier node and listen to all that it publishes.
 
         Parameters

@@ -24,7 +24,6 @@ from typing import NamedTuple
 import numpy as np
 
 from msls_ros.estimation.isolation import PLAUSIBLE, Difference, invert
-from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.sections import IsolationParameters
 from msls_ros.estimation.surfaces import Surface
 

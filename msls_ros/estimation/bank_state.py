@@ -266,7 +266,9 @@ def make_bank_work(s: BankSettings) -> BankWork:
     p, m = s.prior.shape
     row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
     c, t, left, root, first, loss, e = (np.zeros(m) for _ in range(7))
-    return BankWork(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e)
+    return BankWork(
+        np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e
+    )
 
 
 def clear_bank(s: BankSettings, x: BankState) -> None:

@@ -84,7 +84,7 @@ def autocorrelation(x: BankState, q: int) -> float:
     """Return the lag-1 autocorrelation of row q's prediction errors, 0 to `LARGEST_COLOUR` [1]."""
     if x.colour[q, 1] <= 0.0:
         return 0.0
-    return min(max(float(x.colour[q, 0]) / float(x.colour[q, 1]), 0.0), LARGEST_COLOUR)
+    return float(min(max(x.colour[q, 0] / x.colour[q, 1], 0.0), LARGEST_COLOUR))
 
 
 @compiled

@@ -71,9 +71,7 @@ def clear_defect(defect: Defect) -> None:
 
 
 @compiled
-def observe_defect(
-    defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array
-) -> None:
+def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array) -> None:
     """Take samples; ``defect.variance`` follows.
 
     Parameters

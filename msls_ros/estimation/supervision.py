@@ -15,7 +15,6 @@ from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.surfaces import read_surfaces
 
-
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
 

@@ -1,8 +1,8 @@
 """Which surfaces make which effectors: what the profile says, and the effect that each surface has by itself.
 
 ``isolation.surfaces`` reads ``left_stabilator: de + ddt; right_stabilator: de - ddt; rudder: dr``: the position of each
-surface as a sum of effectors, M (surfaces, effectors). A row b of B is then the sum of what its surfaces do, ``b = c M``
-with ``c = b M^+`` where M tells the surfaces apart, and a surface that keeps a share s of its effect changes b by
+surface as a sum of effectors, M (surfaces, effectors). A row b of B is then the sum of what its surfaces do,
+``b = c M`` with ``c = b M^+`` where M tells the surfaces apart, and a surface that keeps a share s of its effect changes b by
 ``(s - 1) c_k M_k``: all its effectors together, in one direction that is known before anything breaks.
 """
 
@@ -57,7 +57,9 @@ def read_surfaces(text: str, effectors: tuple[str, ...]) -> tuple[Surface, ...]:
         rows.append(_read_terms(terms, effectors))
     inverse = _inverse([[sum(map(mul, one, other)) for other in rows] for one in rows])
     if len(set(names)) < len(names) or inverse is None:
-        message = f"isolation.surfaces: {', '.join(names)}; expected surfaces that differ, each moved in a way of its own"
+        message = (
+            f"isolation.surfaces: {', '.join(names)}; expected surfaces that differ, each moved in a way of its own"
+        )
         raise EstimationError(message)
     shares = [[sum(map(mul, column, line)) for column in zip(*rows, strict=True)] for line in inverse]
     return tuple(Surface(name, tuple(row), tuple(of)) for name, row, of in zip(names, rows, shares, strict=True))

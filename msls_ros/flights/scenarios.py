@@ -340,7 +340,7 @@ def _read_identifier(top: Section, airframe: Airframe) -> tuple[str, dict[str, d
 
 
 def _read_changes(section: Section, base: Configuration, always: Mapping[str, Any]) -> dict[str, Any]:
-    """Return parameters of the identifier by full name, each of which the profile takes; what goes with a noise last."""
+    """Return parameters of the identifier by full name, that the profile takes; what goes with a noise comes last."""
     known = as_mapping(base)
     changes: dict[str, Any] = {}
     for name, value in _flat(section):

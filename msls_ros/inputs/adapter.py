@@ -212,7 +212,7 @@ class InputAdapter:
 
     @property
     def straddle(self) -> int:
-        """Samples over which a row reaches: intervals of the window of the derivatives; 0: nothing is differentiated."""
+        """Samples over which a row reaches: intervals of the derivatives' window; 0: nothing is differentiated."""
         return 0 if self._filter is None else self.inputs.intervals
 
     def clear(self) -> None:

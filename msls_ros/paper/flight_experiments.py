@@ -53,7 +53,7 @@ MSLS_BY_NOISE: Mapping[str, Mapping[str, Any]] = {
     "none": {"estimator.penalty": 3e-4},
     "low": {"estimator.forgetting_factor": 0.96, "estimator.penalty": 9e-4, "recovery.penalty_factor": 0.3},
 }
-"""MSLS wants its settings by noise: looking back 25 samples halves the error that low noise leaves in a quiet flight."""
+"""MSLS wants its settings by noise: looking back 25 samples halves the error of low noise in a quiet flight."""
 LITERAL_DITHER: Mapping[str, Any] = {"dither.acceleration": "worst_case", "dither.allocation": "equal"}
 """Eq 23 as it stands: the flights of the paper are flown with its dither."""
 

@@ -6,7 +6,6 @@ import dataclasses
 import pickle
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml

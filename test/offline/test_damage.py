@@ -185,9 +185,7 @@ def test_numbers_that_are_not_finite_are_counted_and_the_rest_is_as_without_them
 def test_messages_that_are_no_samples_are_counted(tmp_path: Path, flight: list[BagMessage]) -> None:
     rng = np.random.default_rng(4)
     changed = [m._replace(data=rng.bytes(len(m.data))) if k % 40 == 7 else m for k, m in enumerate(flight)]
-    result = replay(
-        write(tmp_path / "bad", changed), tmp_path / "out", read_profile("f16"), ReplayOptions(every=100)
-    )
+    result = replay(write(tmp_path / "bad", changed), tmp_path / "out", read_profile("f16"), ReplayOptions(every=100))
     count = len(flight) // 40
     assert count - 1 <= result.refused["malformed"] <= count + 1
     assert result.samples > len(flight) // 2 - count - 2

@@ -48,7 +48,7 @@ def test_a_bag_of_other_types_replays_by_its_profile(
     adapter = InputAdapter(inputs, configuration.states, configuration.effectors, refused=gate.refused)
     decoded = ((m.topic, m.stamp_ns, d) for m, d in bags.read(bag).decoded())
     samples = [s for row in adapt(decoded, adapter) if (s := row.offer(gate)) is not None]
-    identifier = Identifier(configuration)
+    identifier = Identifier(configuration, adapter.straddle)
     for s in samples:
         last = identifier.update(s.time, s.x, s.xdot, s.delta)
         if last.samples % 100 == 0:
