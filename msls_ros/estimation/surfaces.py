@@ -2,7 +2,7 @@
 
 ``isolation.surfaces`` reads ``left_stabilator: de + ddt; right_stabilator: de - ddt; rudder: dr``: the position of each
 surface as a sum of effectors, M (surfaces, effectors). A row b of B is then the sum of what its surfaces do,
-``b = c M`` with ``c = b M^+`` where M tells the surfaces apart, and a surface that keeps a share s of its effect changes b by
+``b = c M`` with ``c = b M^+`` where M tells the surfaces apart, and a surface that keeps a share s of it changes b by
 ``(s - 1) c_k M_k``: all its effectors together, in one direction that is known before anything breaks.
 """
 

@@ -215,7 +215,8 @@ def _yaml(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_yaml(v) for v in value) + "]"
     if isinstance(value, str):
-        return value if value not in ("1", "off", "on", "yes", "no") else f'"{value}"'
+        plain = value and value not in ("1", "off", "on", "yes", "no") and ":" not in value
+        return value if plain else f'"{value}"'
     if isinstance(value, float):
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text
