@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency; damage."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, flights, latency, damage, bars."""
 
 from __future__ import annotations
 
@@ -37,7 +37,15 @@ def parser() -> argparse.ArgumentParser:
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
     latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
     latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
-    for command in (kernel, stress, replay, campaign, latency, faults):
+    calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
+    calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
+    calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+    calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+    calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
+    calibration.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+    )
+    for command in (kernel, stress, replay, campaign, latency, faults, calibration):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -52,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
-    measures |= {"latency": _latency, "faults": _faults}
+    measures |= {"latency": _latency, "faults": _faults, "calibration": _calibration}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -102,6 +110,15 @@ def _faults(arguments: argparse.Namespace) -> Any:
     result = importlib.import_module("benchmarks.faults").measure(arguments.bags, _say, arguments.seed)
     if not arguments.json:
         print(format_faults(result))
+    return result
+
+
+def _calibration(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.calibration")
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "")
+    if not arguments.json:
+        print(module.render(result))
     return result
 
 

@@ -140,19 +140,6 @@ class BankRegression:
         residual = bank_errors(self.settings, self.state, row, self.noise, self._work.e, self._work.w, errors)
         return errors, residual
 
-    def best(self) -> tuple[Array, Array, Array]:
-        """(r, p) each: the best known estimates, their standard errors, and when they were known [s]; NaN: never."""
-        x = self.state
-        known = np.isfinite(x.best_square)
-        found = (np.where(known, v, np.nan) for v in (x.best, np.sqrt(x.best_square), x.best_time))
-        value, error, time = (np.roll(v, -1, axis=1) for v in found)
-        return value, error, time
-
-    def forgetting(self, row: int) -> float:
-        """Forgetting factor of a row: the members' mean, by their shares [1]."""
-        shares, factors = self.state.weight[row].tolist(), self.settings.forgetting.tolist()
-        return float(sum(w * f for w, f in zip(shares, factors, strict=True)))
-
     def age(self, row: int) -> int:
         """Samples since the row's group began."""
         return int(self.state.age[self.state.group[row]])

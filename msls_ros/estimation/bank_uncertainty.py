@@ -1,24 +1,39 @@
-"""Error bars of the bank: what members know, what their residuals are, how far they disagree, how noise biases.
+"""Error bars of the bank: what members know now, and the best that was known before.
 
 Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
 
-    se_i^2 = s^2 c / sum W_m I_mi  +  sum W_m I_mi (theta_mi - theta_i)^2 / sum W_m I_mi  +  b_i^2
+    now_i^2 = (s^2 c + sum W_m I_mi (theta_mi - theta_i)^2) / sum W_m I_mi  +  b_i^2  +  (f rho theta_i)^2
 
 The first term is covariance intersection times the variance of the residual. ``s^2`` is the geometric mean of the
 members' squared one-step and delayed prediction errors, each over 1 + d: the first alone does not see that the model
-bends, the second alone takes all bending for noise. It is weighted like the evidence: bars that were earned in a
-manoeuvre keep the residual of the manoeuvre through the quiet after it. ``c`` corrects for colour, ``(1 + rho)/(1 -
-rho)`` with the lag-1 autocorrelation of the prediction errors, and for the degrees of freedom that the parameters have
-taken, ``n/(n - p)``. The second term, the spread between members, is the uncertainty about the model itself. ``b`` is
-the bias by noise in the states and by gusts (`regressor_noise`), for the member that counts most.
+bends, the second alone takes all bending for noise; errors count once the estimates that made them could know anything.
+``c`` corrects for colour, ``(1 + rho)/(1 - rho)`` with the lag-1 autocorrelation rho of the prediction errors, and for
+the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - p - 2)``. The second term,
+the spread between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by
+gusts (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
+autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate.
 
-Variance and colour are carried over an alarm; the number of samples is not: nothing is claimed before ``2p`` samples.
+**What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
+estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
+
+    kept_i^2 = best_i^2 + (theta_i - theta_best_i)^2 + (theta_best_i |place - place_best| / reach)^2
+    se_i = min(now_i, kept_i)
+
+To both is added by how much the member that remembers the last second and a half contradicts the estimate, beyond two
+of its standard errors: what dither alone shows of a change counts little in the evidence, but it must not be hidden.
+
+By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
+derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
+which is what the last term allows for. Where now is no worse than what is kept, it is kept instead.
+
+Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``2p``.
 
 References
 ----------
 Bates and Granger, "The combination of forecasts", 1969; Buckland, Burnham and Augustin, "Model selection: an integral
 part of inference", Biometrics 53 (1997) (spread between models). Grauer and Morelli, "Parameter uncertainty for
-aircraft parameter estimates using recursive least squares", 2016 (coloured residuals).
+aircraft parameter estimates using recursive least squares", 2016 (coloured residuals). Atkeson, Moore and Schaal,
+"Locally weighted learning", Artif. Intell. Rev. 11 (1997) (what is known is known about where it was learnt).
 """
 
 from __future__ import annotations
@@ -32,6 +47,8 @@ from msls_ros.estimation.kernel import Array
 
 REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
 """Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
+CHANCE = 4.0
+"""Squared standard errors by which the last seconds may differ from the estimate by chance."""
 SYSTEMATIC = 0.12
 """Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
 LARGEST_COLOUR = 0.98
@@ -175,7 +192,17 @@ def direct_squares(
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
+        squares[i] += disagreement(s, x, q, i)
     return True
+
+
+@compiled
+def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square by which the member of the last seconds contradicts row q's coefficient i, beyond what chance makes."""
+    m = s.recent
+    difference = x.members[q, i, m] - x.mixed[q, i]
+    chance = CHANCE * residual_variance(x, q) / x.info[x.group[q], i, m]
+    return float(max(difference * difference - chance, 0.0))
 
 
 @compiled
@@ -190,7 +217,7 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         away += step * step
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     size = x.best[q, i] / reach
-    return x.best_square[q, i] + moved * moved + size * size * away
+    return float(x.best_square[q, i] + moved * moved + size * size * away + disagreement(s, x, q, i))
 
 
 @compiled

@@ -350,7 +350,7 @@ class Identifier:
     def estimate(self, time: float, x: Array) -> Estimate:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
         c = self.configuration
-        model = self._assembly.build(np.ascontiguousarray(x, np.float64))
+        model, best, forgetting = self._assembly.build(np.ascontiguousarray(x, np.float64))
         return Estimate(
             time=time,
             states=c.states,
@@ -363,11 +363,16 @@ class Identifier:
             a_known=self._assembly.a_known,
             a_reliable=model.a_reliable,
             b_reliable=model.b_reliable,
-            **self._assembly.best()._asdict(),
+            a_best=best.a_best,
+            b_best=best.b_best,
+            a_best_std=best.a_best_std,
+            b_best_std=best.b_best_std,
+            a_best_time=best.a_best_time,
+            b_best_time=best.b_best_time,
             regressors=self._regressors,
             excitation=model.excitation,
             residual_std=model.residual_std,
-            forgetting_factor=self._assembly.forgetting(),
+            forgetting_factor=forgetting,
             samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),

@@ -126,7 +126,7 @@ faults:
 watch: R/dtr
 identifier:
   profile: f16
-  parameters: {none: {isolation.window: 3.0}}
+  parameters: {estimator.method: msls, none: {estimator.penalty: 3.0e-4}}
 """
 
 
@@ -142,7 +142,7 @@ def test_the_demo_flies_an_own_file_and_judges_it_by_what_it_watches(
     b67 = summary["b67"]
     assert b67["truth_after"] == pytest.approx(0.25 * b67["truth_before"], rel=0.02)
     assert b67["truth_before"] < -2.0
-    assert b67["bank"]["rms_after"] < 0.02
+    assert b67["msls"]["rms_after"] < 0.02
     assert len(summary["detections"]) == 2
     assert 0.0 < summary["detections"][1]["delay_s"] <= 0.05
     assert (tmp_path / "out" / "b67.png").stat().st_size > 10_000

@@ -77,13 +77,15 @@ def test_a_recorded_flight_through_topics_is_as_in_flight_and_again_when_played_
     assert (player.node.synchronizer.restarts, sum(player.node.synchronizer.refused.values())) == (1, 0)
 
 
-@pytest.mark.parametrize("noise", ["none", "med"])
+@pytest.mark.parametrize(("method", "noise"), [("bank", "none"), ("bank", "low"), ("msls", "low")])
 @pytest.mark.parametrize("name", FLIGHTS)
-def test_live_offline_and_through_topics_are_equal(name: str, noise: str, bench: Bench, tmp_path: Path) -> None:
+def test_live_offline_and_through_topics_are_equal(
+    name: str, method: str, noise: str, bench: Bench, tmp_path: Path
+) -> None:
     scenario = find_scenario(SCENARIO_OF[name])
-    faults = tuple(dataclasses.replace(fault, time=2.0) for fault in scenario.faults)
+    faults = tuple(dataclasses.replace(fault, time=3.2) for fault in scenario.faults)
     short = dataclasses.replace(scenario, duration=4.0, faults=faults)
-    configuration = short.configuration(noise, 5, dither=True)
+    configuration = short.configuration(noise, 5, dither=True).replace({"estimator.method": method})
     fly(short, configuration, tmp_path / "bag", noise=noise, seed=5)
     live = outputs(tmp_path / "bag")
     assert len(live["/model"]) == 201
