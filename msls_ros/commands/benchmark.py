@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, latency; damage; laws."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, bars."""
 
 from __future__ import annotations
 
@@ -64,7 +64,15 @@ def parser() -> argparse.ArgumentParser:
     control.add_argument("--seeds", type=count, default=2, help="how many (default: 2)")
     control.add_argument("--first-seed", type=seed, default=100, help="(default: 100)")
     control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
-    for command in (kernel, stress, replay, campaign, latency, faults, control):
+    calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
+    calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
+    calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+    calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+    calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
+    calibration.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+    )
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -79,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
-    measures |= {"latency": _latency, "faults": _faults, "control": _control}
+    measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -131,6 +139,15 @@ def _faults(arguments: argparse.Namespace) -> Any:
     result = module.measure(arguments.only, sizes, _say, arguments.seed)
     if not arguments.json:
         print(module.text(result))
+    return result
+
+
+def _calibration(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.calibration")
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "")
+    if not arguments.json:
+        print(module.render(result))
     return result
 
 
