@@ -17,15 +17,15 @@ def models(value: Array, std: Array, reliable: Array) -> Models:
     k = len(value)
     flags = np.zeros((k, 1, 1), np.bool_)
     return Models(
-        time=0.1 * np.arange(k), states=("P",), effectors=("da",), regressors=("P", "da", "1"),
+        time=0.1 * np.arange(k, dtype=np.float64), states=("P",), effectors=("da",), regressors=("P", "da", "1"),
         a=np.full((k, 1, 1), -8.0), b=value[:, None, None], a_std=np.ones((k, 1, 1)), b_std=std[:, None, None],
         a_known=np.zeros((1, 1), np.bool_), a_reliable=flags, b_reliable=reliable[:, None, None].astype(np.bool_),
         excitation=np.zeros((k, 3)), residual_std=np.ones((k, 1)),
     )  # fmt: skip
 
 
-TIME = 0.1 * np.arange(300)
-SURE = np.ones(300)
+TIME: Array = 0.1 * np.arange(300, dtype=np.float64)
+SURE: Array = np.ones(300, dtype=np.float64)
 
 
 def alarm(time: float) -> Event:
