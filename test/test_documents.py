@@ -64,7 +64,7 @@ RUN_BY = {
     "./msls python docs/examples/identify_arrays.py": f"{HERE}::test_the_example_with_arrays_finds_b",
     "./msls pilot": LIVE,
     "./msls plant --ros-args -p mode:=real_time -p duration:=60.0": LIVE,
-    "./msls identifier --ros-args --params-file config/f16_high_alpha.yaml -p use_sim_time:=true": LIVE,
+    "./msls identifier --ros-args --params-file config/f16.yaml -p use_sim_time:=true": LIVE,
     "./msls python docs/examples/inject_fault.py": LIVE,
     "./msls campaign roll_doublet_tail_fault docs/examples/my_flight.yaml --seeds 20 --noise none,low --jobs 2": (
         f"{CAMPAIGN}::test_two_jobs_give_the_same_table_as_one"

@@ -221,12 +221,17 @@ def watched(configuration: Configuration, log: FlightLog, flown: Stacks, watch: 
     time, x, xdot, delta = (np.array(one) for one in (log.time, log.x, log.xdot, log.delta))
     if not log.followed:  # all have it from physics
         known = np.interp(time, time[log.estimated], watch.of(flown["a"], flown["b"]))
-        return {name: known for name in ("msls", *PEERS)}
-    found = {"msls": np.array(log.followed)}
+        return {name: known for name in estimators(configuration)}
+    found = {configuration.estimator.method: np.array(log.followed)}
     for name, peer in _peers(configuration, watch).items():
         peer.reset()
         found[name] = np.concatenate(peer.run(time, x, xdot, delta, every=len(time)).followed)
     return found
+
+
+def estimators(configuration: Configuration) -> tuple[str, ...]:
+    """Return the method that flies, and its peers."""
+    return (configuration.estimator.method, *PEERS[configuration.estimator.method])
 
 
 def _identified(configuration: Configuration, watch: Watch) -> bool:
@@ -236,7 +241,8 @@ def _identified(configuration: Configuration, watch: Watch) -> bool:
 @functools.lru_cache(maxsize=8)
 def _peers(configuration: Configuration, watch: Watch) -> dict[str, Identifier]:
     """Return the peers of an identifier, whatever its seed: they do not fly."""
-    peers = {name: Identifier(configuration.replace(changes)) for name, changes in PEERS.items()}
+    changed = PEERS[configuration.estimator.method]
+    peers = {name: Identifier(configuration.replace(changes)) for name, changes in changed.items()}
     for peer in peers.values():
         peer.follow(watch.row, watch.column)
     return peers

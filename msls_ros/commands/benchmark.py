@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, flights, latency; damage."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, bars."""
 
 from __future__ import annotations
 
@@ -12,7 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
+from msls_ros.plant import NOISE_LEVELS
 
+CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
+"""Suites of `benchmarks.control`."""
 ROOT = Path(__file__).resolve().parents[2]
 FAULTS = ("bags", "messages", "nodes", "kills", "disks", "network", "soak")
 FAULT_SIZES = (
@@ -48,7 +51,28 @@ def parser() -> argparse.ArgumentParser:
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
     latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
     latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
-    for command in (kernel, stress, replay, campaign, latency, faults):
+    control = commands.add_parser("control", help="control laws side by side: flights kept, how well they track")
+    control.add_argument("--suite", choices=CONTROL, default="failures", help="what is flown (default: failures)")
+    control.add_argument(
+        "--laws",
+        nargs="+",
+        default=["fixed", "frozen", "rls", "lq", "auto", "truth"],
+        metavar="LAW",
+        help="of fixed, frozen, rls, lq, entry, auto, bank, truth (default: all but entry and bank)",
+    )
+    control.add_argument("--noise", nargs="+", choices=list(NOISE_LEVELS), default=["low"], help="(default: low)")
+    control.add_argument("--seeds", type=count, default=2, help="how many (default: 2)")
+    control.add_argument("--first-seed", type=seed, default=100, help="(default: 100)")
+    control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
+    calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
+    calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
+    calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+    calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+    calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
+    calibration.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+    )
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -63,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
-    measures |= {"latency": _latency, "faults": _faults}
+    measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -116,6 +140,42 @@ def _faults(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(module.text(result))
     return result
+
+
+def _calibration(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.calibration")
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "")
+    if not arguments.json:
+        print(module.render(result))
+    return result
+
+
+def _control(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.control")
+    unknown = [law for law in arguments.laws if law not in module.LAWS]
+    if unknown:
+        print(f"benchmark: --laws {unknown[0]}; expected some of {', '.join(module.LAWS)}", file=sys.stderr)
+        return None
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    rows = module.measure(arguments.suite, arguments.laws, arguments.noise, seeds, arguments.out, _say)
+    rows = module.survivable(rows) if arguments.suite == "random" else rows
+    result = module.summarise(rows)
+    if not arguments.json:
+        print(format_control(result))
+    return result
+
+
+def format_control(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the laws side by side as text."""
+    lines = ["\nmedians from the fault on; well: alpha within 2 deg, sideslip 3 deg, roll rate 1.5 deg/s rms"]
+    lines.append(f"{'noise':6}{'law':8}{'kept':>10}{'well':>6}{'roll rms':>10}{'alpha max':>11}{'recovered':>11}")
+    for row in rows:
+        back = "never" if row["recovery_s"] is None else f"{row['recovery_s']:.2f} s"
+        kept = f"{row['kept']}/{row['flights']}"
+        errors = f"{row['roll_rms']:>10.2f}{row['alpha_max']:>11.2f}"
+        lines.append(f"{row['noise']:6}{row['law']:8}{kept:>10}{row['well']:>6}{errors}{back:>11}")
+    return "\n".join(lines)
 
 
 def _latency(arguments: argparse.Namespace) -> Any:

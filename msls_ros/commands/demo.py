@@ -24,6 +24,7 @@ from msls_ros.commands.report import default_folder, remove_report
 from msls_ros.control import LAWS, ControlError
 from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
+from msls_ros.flights.judging import LABELS
 from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
@@ -188,7 +189,9 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     name = f"{watch.symbol} ({watch.derivative})"
     lines += [f"{name:<22}{watched['truth_before']:.3f}{after} {watch.unit} in truth", ""]
     lines.append(f"  {f'error of {watch.symbol}':<24}{'before':>9}{'peak':>9}{'after':>9}{'settled in':>13}")
-    for name, label in (("msls", "MSLS"), ("msls_no_detection", "MSLS without detection"), ("rls", "RLS")):
+    for name, label in LABELS.items():
+        if name not in watched:
+            continue
         e = watched[name]
         settle = "-" if e["settle_s"] is None else f"{e['settle_s']:.2f} s"
         if e["settle_s"] is not None and e["settle_s"] > scenario.duration - (scenario.fault_end or 0.0) - NEVER:

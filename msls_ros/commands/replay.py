@@ -48,7 +48,7 @@ def parser() -> argparse.ArgumentParser:
         epilog=_EPILOG,
     )
     result.add_argument("bags", nargs="+", metavar="BAG", help="bag, log or a glob of them; several give a table")
-    result.add_argument("--params", metavar="FILE", help="a parameter file, or the name of a shipped one (f16_cruise)")
+    result.add_argument("--params", metavar="FILE", help="a parameter file, or the name of a shipped one (f16)")
     result.add_argument("--out", type=Path, help=f"folder for the new bags (default: {DEFAULT_OUT}, replaced)")
     result.add_argument("--overwrite", action="store_true", help="replace bags in the folder given with --out")
     result.add_argument("--every", type=count, default=1, metavar="N", help="samples per model (default: 1)")

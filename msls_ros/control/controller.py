@@ -23,12 +23,12 @@ from msls_ros.control.settings import ControlSettings
 from msls_ros.control.signals import Margins, ModelEstimate, PilotCommand, Status
 from msls_ros.control.supervisor import FIXED, HOLD, INDI, LQ, Choice, Situation, choose
 
-TRIM_MEMORY = 2.0
+TRIM_MEMORY = 1.0
 """Of the mean command that counts as the last trim [s]."""
 MARGINS_EVERY = 1.0
 """[s]"""
-RETURN = 0.5
-"""Regular samples for this long end the pause after a gap [s]."""
+RETURN = 4.0
+"""After a gap, derived accelerations are used again after so many time constants of their filter [1]."""
 EDGE = 1e-9
 """A command this close to a limit is at it [rad]."""
 
@@ -136,7 +136,7 @@ class Controller:
         x, xdot, delta = self._checked(time, x, xdot, delta)
         if time <= self._time:
             self.reset()
-        period = self._begin(time)
+        period = self._begin(time, xdot is not None)
         measured = self._mixing @ delta
         stuck = self._monitor.update(measured, self._command + self._mixing @ self._dither, period)
         self._dither = np.zeros(len(delta)) if dither is None or not np.isfinite(dither).all() else np.asarray(dither)
@@ -192,7 +192,7 @@ class Controller:
             return x, None, delta
         return x, np.asarray(xdot, np.float64), delta
 
-    def _begin(self, time: float) -> float:
+    def _begin(self, time: float, accelerations: bool) -> float:
         """Return the period; after a gap, or at the start, filters and laws begin with this sample."""
         gap = time - self._time
         self._time = time
@@ -200,8 +200,8 @@ class Controller:
             return gap
         self._filters.restart()
         self._monitor.reset()
-        if math.isfinite(gap):
-            self._gap, self._paused_until = gap, time + RETURN
+        if math.isfinite(gap) and not accelerations:
+            self._gap, self._paused_until = gap, time + RETURN / self.settings.filter_bandwidth
         return min(gap, self.settings.sample_timeout)
 
     def _learn(self, time: float, estimate: ModelEstimate | None, period: float) -> None:

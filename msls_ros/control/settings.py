@@ -36,8 +36,8 @@ class ControlSettings:
     )
     model: str = parameter(
         "surface",
-        "what of the identified B is believed: surface (effectiveness of each surface, on the prior), entry (each "
-        "number for itself; always so without a prior, and of the law lq), raw (the estimate), frozen (the prior)",
+        "what of the identified B is believed: surface (an effectiveness of each surface, on the prior), entry (each "
+        "number for itself; always so without a prior, and of the law lq), raw (the estimate as it is), frozen (prior)",
         choices=SOURCES,
         in_flight=False,
     )
@@ -74,7 +74,11 @@ class ControlSettings:
         0.5, "age of the model after which the last believed one is said to fly", unit="s", low=0.01, high=3600.0
     )
     sample_timeout: float = parameter(
-        0.2, "gap between samples after which a law that needs accelerations pauses", unit="s", low=0.001, high=60.0
+        0.2,
+        "gap between samples after which the last trim flies and filters begin anew",
+        unit="s",
+        low=0.001,
+        high=60.0,
     )
     handover_time: float = parameter(0.3, "over which a new law takes over", unit="s", low=0.0, high=10.0)
     knowledge: float = parameter(

@@ -6,7 +6,8 @@ what is missing                        what flies
 a new model, or a finite one           the law that is asked for, on the last model that was believed
 measured accelerations                 the same, on derivatives of the measured states
 knowledge of an axis (no prior yet)    the stack's fixed law, or the last trim, with dither, until it is known
-regular samples                        the fixed law, or the last trim, until they are regular again
+samples, for a while                   the last trim; then, with measured accelerations, the same law at once
+both, samples and accelerations        the fixed law, or the last trim, until derivatives can be had again
 a command to follow                    the same
 a gain that stabilises (lq)            indi
 =====================================  =================================================================

@@ -24,6 +24,7 @@ from msls_ros.estimation.sections import (
     ReliabilityParameters,
     parameter,
 )
+from msls_ros.estimation.surfaces import read_surfaces
 
 STATES = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")
 EFFECTORS = ("de", "dr", "ddt", "ddf", "dsf", "dte", "dtr")
@@ -90,6 +91,7 @@ class Configuration:
             )
             message += f"period, {0.5 / self.sample_rate:g} s"
             raise EstimationError(message)
+        read_surfaces(self.isolation.surfaces, self.effectors)
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
             raise EstimationError(message)

@@ -63,6 +63,16 @@ class Estimate:
     """(n, n) filled in from physics."""
     a_reliable: Flags
     b_reliable: Flags
+    a_best: Array
+    """(n, n) the best that was known of A, of the bank: it may not be excited now; NaN where nothing is kept."""
+    b_best: Array
+    """(n, m)"""
+    a_best_std: Array
+    """(n, n) their standard errors then."""
+    b_best_std: Array
+    a_best_time: Array
+    """(n, n) and when that was [s]."""
+    b_best_time: Array
     regressors: tuple[str, ...]
     excitation: Array
     """(p,) least over the groups of rows: share of the parameter that the data decide [1]."""

@@ -215,6 +215,11 @@ class InputAdapter:
                 message = f"topic {topic} has type {topics[topic]}; the inputs expect {msgtype}"
                 raise EstimationError(message)
 
+    @property
+    def straddle(self) -> int:
+        """Samples over which a row reaches: intervals of the derivatives' window; 0: nothing is differentiated."""
+        return 0 if self._filter is None else self.inputs.intervals
+
     def clear(self) -> None:
         """Forget all messages; the counts stay."""
         self._restart()

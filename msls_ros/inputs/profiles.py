@@ -1,6 +1,6 @@
 """Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual.
 
-``python -m msls_ros.inputs.profiles`` writes the F-16 profiles again, after a parameter was added or described anew.
+``python -m msls_ros.inputs.profiles`` writes the shipped profiles again, after a parameter was added or described anew.
 """
 
 from __future__ import annotations
@@ -30,6 +30,10 @@ OTHER = (
 """Entries of a parameter file that are the node's, not of the `Configuration`."""
 
 
+RENAMED = {"f16_high_alpha": "f16", "f16_cruise": "f16", "A4_25hz": "A4", "c172x_25hz": "c172x"}
+"""Shipped profiles as they were called while each condition and rate had one of its own."""
+
+
 def config_folder() -> Path:
     """Return the folder of the shipped parameter files, in the source tree or where the package is installed."""
     here = Path(__file__).resolve().parents[2] / "config"
@@ -50,7 +54,7 @@ def read_profile(name: str | os.PathLike[str]) -> Configuration:
     Parameters
     ----------
     name
-        A shipped profile's name (``f16_high_alpha``) or the path of a YAML file of ROS parameters.
+        A shipped profile's name (``f16``) or the path of a YAML file of ROS parameters.
 
     Raises
     ------
@@ -139,6 +143,7 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
         return path
     folder = config_folder()
     shipped = {p.stem: p for p in sorted([*folder.glob("*.yaml"), *folder.glob("inputs/*.yaml")])}
+    name = RENAMED.get(str(name), name)
     if str(name) not in shipped:
         message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
         message += nearest(str(name), shipped)
@@ -246,7 +251,8 @@ def _yaml(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_yaml(v) for v in value) + "]"
     if isinstance(value, str):
-        return value if value not in ("1", "off", "on", "yes", "no") else f'"{value}"'
+        plain = value and value not in ("1", "off", "on", "yes", "no") and ":" not in value
+        return value if plain else f'"{value}"'
     if isinstance(value, float):
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text

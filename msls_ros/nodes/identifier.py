@@ -200,15 +200,15 @@ class IdentifierNode(LifecycleNode):
         took = warm_up(configuration.estimator.method)
         if took > COMPILING and HAVE_NUMBA:
             self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
-        self._identifier = Identifier(configuration)
-        if self._p["warm_start"]:
-            start_from(self._identifier, Path(self._p["warm_start"]))
-            self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")
         self._synchronizer = Synchronizer.of(configuration, lambda refused: self._refusals.take(refused))
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = None
         if self._inputs is not None:
             self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._refusals.take)
+        self._identifier = Identifier(configuration, 0 if self._adapter is None else self._adapter.straddle)
+        if self._p["warm_start"]:
+            start_from(self._identifier, Path(self._p["warm_start"]))
+            self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)

@@ -33,12 +33,16 @@ class IdentifierOutput:
         Of the identifier.
     every
         Samples per model.
+    straddle
+        Samples over which the inputs were smoothed; as `Identifier`.
     """
 
-    def __init__(self, writer: BagWriter, prefix: str, configuration: Configuration, every: int) -> None:
+    def __init__(
+        self, writer: BagWriter, prefix: str, configuration: Configuration, every: int, straddle: int = 0
+    ) -> None:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
-        self._identifier = Identifier(configuration)
+        self._identifier = Identifier(configuration, straddle)
         n, m = len(configuration.states), len(configuration.effectors)
         self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))  # compiles
         self._identifier.reset()

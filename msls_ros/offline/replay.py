@@ -183,7 +183,7 @@ def _write(
     reader, source, prefix = opened
     with BagWriter(out, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration, options.parameters)
-        output = IdentifierOutput(writer, prefix, configuration, options.every)
+        output = IdentifierOutput(writer, prefix, configuration, options.every, source.straddle)
         start = time.perf_counter()
         beside = _Beside(reader, writer, prefix) if options.merge and isinstance(reader, BagReader) else None
         for batch in ordered_batches(reader, source.topics, source.longest_run):

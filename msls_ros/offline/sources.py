@@ -155,6 +155,11 @@ class Source(Protocol):
         """Messages of one input in a row that are still to be expected."""
         ...
 
+    @property
+    def straddle(self) -> int:
+        """Samples over which one of its samples was smoothed."""
+        ...
+
     def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
         """Yield the samples that a batch completes, but for some that may wait for the next batch."""
         ...
@@ -178,6 +183,7 @@ class SampleSource:
     """
 
     longest_run = PENDING
+    straddle = 0
 
     def __init__(self, topics: InputTopics, gate: Synchronizer) -> None:
         """Begin; see the class."""
@@ -277,6 +283,7 @@ class MappedSource:
         """Check topics and types; see the class."""
         self._reader, self._adapter, self._gate = reader, adapter, gate
         self.topics = tuple(adapter.topics)
+        self.straddle = adapter.straddle
         adapter.check(reader.topics)
         for topic in self.topics:
             try:

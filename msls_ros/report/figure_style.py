@@ -1,20 +1,21 @@
-"""How figures of Matplotlib look: one style whatever the user's own is, colours for all eyes."""
+"""How figures in files look: one style, colours for all eyes, whatever the user's own style is."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 import matplotlib.style
 from matplotlib.rcsetup import cycler
 
-BLUE, ORANGE, GREEN, PINK, SKY, AMBER = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00"
+BLACK, BLUE, ORANGE, GREEN, PINK, SKY, AMBER = (
+    "#000000", "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9", "#E69F00",
+)  # fmt: skip
 """Colour-blind safe (Okabe and Ito)."""
-CYCLE = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY, "#000000")
+CYCLE = (BLUE, ORANGE, GREEN, PINK, AMBER, SKY, BLACK)
 INK, MUTED, RULE = "#1d2733", "#6b7785", "#dfe4ea"
 DPI = 130
-_STYLE: dict[str, Any] = {
+_STYLE = {
     "font.family": "DejaVu Sans",
     "font.size": 9.5,
     "text.color": INK,
@@ -40,6 +41,6 @@ _STYLE: dict[str, Any] = {
 
 @contextmanager
 def house_style() -> Iterator[None]:
-    """Draw in our style."""
+    """Draw in our style, whatever the user's own is."""
     with matplotlib.style.context(["default", _STYLE]):
         yield

@@ -19,7 +19,8 @@ TRUTH, OURS, PEER, OTHER = "#000000", "#0072B2", "#D55E00", "#009E73"
 STYLES = {
     "rls": ("RLS", PEER, 1.0),
     "msls_no_detection": ("MSLS without detection", OTHER, 1.0),
-    "msls": ("MSLS", OURS, 1.8),
+    "msls": ("MSLS", OTHER, 1.0),
+    "bank": ("bank", OURS, 1.8),
 }
 
 
@@ -82,22 +83,25 @@ def plot_parameter(
     time, truth, std
         (n,) [s]; the parameter and its standard error, not zero all the time.
     estimates
-        (n,) by name, among `STYLES`.
+        (n,) by name, among `STYLES`; the band is that of the first.
     faults, alarms
         Starts and ends, and times [s].
     title, label
         Of the figure, and of the parameter.
     """
     figure, axes = new_figure(2 if faults else 1, title, 3.1, same_time=False)
+    first = next(iter(estimates))
     level = float(np.abs(truth).max()) or 1.0
     limits = (-0.6 * level, 2.2 * level)
     for axis in axes:
         mark_events([axis], faults, alarms)
-        for name, (who, colour, width) in STYLES.items():
+        for name in sorted(estimates, key=lambda one: (one == first, list(STYLES).index(one))):
+            who, colour, width = STYLES[name]
+            colour, width = (OURS, 1.8) if name == first else (colour, width)
             axis.plot(time, estimates[name], color=colour, linewidth=width, label=who)
         band = np.where(np.isfinite(std), 1.96 * std, 10.0 * level)
-        low, high = estimates["msls"] - band, estimates["msls"] + band
-        axis.fill_between(time, low, high, color=OURS, alpha=0.15, linewidth=0, label="MSLS, 95 %")
+        low, high = estimates[first] - band, estimates[first] + band
+        axis.fill_between(time, low, high, color=OURS, alpha=0.15, linewidth=0, label=f"{STYLES[first][0]}, 95 %")
         axis.plot(time, truth, color=TRUTH, linestyle="--", linewidth=1.4, label="truth")
         axis.set_ylim(limits if truth[0] >= 0.0 else (-limits[1], -limits[0]))
         axis.set_ylabel(label)

@@ -165,7 +165,7 @@ def test_a_parameter_file_with_nothing_for_the_node_is_told_of(
 ) -> None:
     node = bench.add(IdentifierNode)
     (tmp_path / "other.yaml").write_text("other:\n  ros__parameters: {a: 1}\n")
-    check_files(node, ["x", "--ros-args", "--params-file", str(config_folder() / "f16_cruise.yaml")])
+    check_files(node, ["x", "--ros-args", "--params-file", str(config_folder() / "f16.yaml")])
     assert "has nothing for this node" not in capfd.readouterr().err
     check_files(node, ["x", "--ros-args", "--params-file", str(tmp_path / "other.yaml")])
     assert "other.yaml' has nothing for this node, /identifier, and is ignored" in capfd.readouterr().err

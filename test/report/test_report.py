@@ -254,7 +254,7 @@ def test_of_a_bag_whose_time_jumps_back_one_stretch_is_shown(
 
 def test_what_the_gate_refuses_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     other = Configuration(states=("P", "Q", "R"), effectors=("de", "ddt"))
-    made = make(capsys, record(tmp_path / "bag", INPUTS, configuration=other, kept=False), "--params", "f16_cruise")
+    made = make(capsys, record(tmp_path / "bag", INPUTS, configuration=other, kept=False), "--params", "f16")
     assert made.summary["samples"] == 0
     assert "no 'u' among the names" in made.page.text
     assert any("no sample passed" in warning for warning in made.summary["warnings"])
