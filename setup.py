@@ -21,6 +21,7 @@ EXECUTABLES = [
     "recorder",
     "watch",
     "demo",
+    "inspect",
     "replay",
     "report",
     "paper",
@@ -65,7 +66,7 @@ setup(
         *data_files("config", "launch"),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={"test": ["pytest", "hypothesis", "pymavlink"], "px4": ["pyulog"]},
     zip_safe=True,
     entry_points={"console_scripts": [f"{name} = {NAME}.commands.{name}:main" for name in EXECUTABLES]},
 )

@@ -18,7 +18,7 @@ from msls_ros.offline.replay import ReplayOptions, replay
 from msls_ros.offline.sources import EFFECTORS, STATE
 from msls_ros.records import header_fields
 
-PROFILE = "f16_high_alpha"
+PROFILE = "f16"
 PERIOD = 20_000_000
 """Between samples [ns]."""
 BLOCK = 5000

@@ -13,7 +13,7 @@ from launch import LaunchDescription
 
 ARGUMENTS = {
     "namespace": ("", "of all nodes and topics; with one, the clock is the namespace's own, NAMESPACE/clock"),
-    "params_file": ("f16_high_alpha", "of the identifier: a shipped profile's name, or the path of a YAML file"),
+    "params_file": ("f16", "of the identifier: a shipped profile's name, or the path of a YAML file"),
     "inputs": ("", "of the identifier, where it is not to take msls_msgs: a path"),
     "condition": ("high_alpha", "flight condition: high_alpha or cruise"),
     "manoeuvre": ("roll_doublet", "what the pilot flies"),

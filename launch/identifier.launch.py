@@ -17,7 +17,7 @@ from launch import LaunchDescription
 
 ARGUMENTS = {
     "namespace": ("", "of all nodes and topics; with one, the clock is the namespace's own, NAMESPACE/clock"),
-    "params_file": ("f16_high_alpha", "parameters: a shipped profile's name, or the path of a YAML file"),
+    "params_file": ("f16", "parameters: a shipped profile's name, or the path of a YAML file"),
     "inputs": ("", "parameters of other message types: a shipped name, as px4_odometry, or a path; empty: msls_msgs"),
     "autostart": ("true", "configure and activate at the start; false: a lifecycle manager does it"),
     "respawn": ("false", "start again when it ends unasked"),

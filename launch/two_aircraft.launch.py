@@ -11,8 +11,8 @@ from launch.substitutions import LaunchConfiguration
 from launch import LaunchDescription
 
 AIRCRAFT = {
-    "left": {"params_file": "f16_high_alpha", "condition": "high_alpha", "manoeuvre": "roll_doublet"},
-    "right": {"params_file": "f16_cruise", "condition": "cruise", "manoeuvre": "steady"},
+    "left": {"params_file": "f16", "condition": "high_alpha", "manoeuvre": "roll_doublet"},
+    "right": {"params_file": "f16", "condition": "cruise", "manoeuvre": "steady"},
 }
 
 

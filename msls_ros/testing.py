@@ -6,7 +6,7 @@ Start the identifier node, feed it samples, wait for what it says::
 
     def test_my_aircraft() -> None:
         with Bench() as bench:
-            identifier = bench.identifier("f16_high_alpha")
+            identifier = bench.identifier("f16")
             identifier.feed(time, x, xdot, delta)
             model = identifier.await_models(len(time))[-1]
             assert not identifier.events
@@ -134,9 +134,7 @@ class Bench:
         node: SomeNode = make(context=self.context, parameter_overrides=given)
         return self.adopt(node)
 
-    def identifier(
-        self, profile: str | os.PathLike[str] | Configuration = "f16_high_alpha", **parameters: Any
-    ) -> IdentifierBench:
+    def identifier(self, profile: str | os.PathLike[str] | Configuration = "f16", **parameters: Any) -> IdentifierBench:
         """Start an identifier node and listen to all that it publishes.
 
         Parameters

@@ -43,7 +43,7 @@ ROS |= {"rosgraph_msgs", "std_msgs", "std_srvs", "builtin_interfaces", "rosidl_r
 OWN = {
     "estimation": {"numba"},
     "plant": {"jsbsim"},
-    "bags": {"rosbags", "mcap", "zstandard", "lz4", "ruamel"},
+    "bags": {"rosbags", "mcap", "zstandard", "lz4", "ruamel", "pyulog"},
     "report": {"matplotlib"},
     "fleet": {"dask", "distributed"},
     "inputs": {"yaml"},

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import msls_ros.plant
+from msls_ros.campaigns.naming import judge_names
 from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.fleet.work import running_code
@@ -183,6 +184,7 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         found["tracking"] = tracking_row(log, scenario)
     return found | {
         "coverage": coverage(scenario, log, flown),
+        "named": judge_names(scenario, log),
         "reliable_share_before": mean(reliable[(estimated_at <= at[before][-1]) & (estimated_at > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
@@ -219,12 +221,17 @@ def watched(configuration: Configuration, log: FlightLog, flown: Stacks, watch: 
     time, x, xdot, delta = (np.array(one) for one in (log.time, log.x, log.xdot, log.delta))
     if not log.followed:  # all have it from physics
         known = np.interp(time, time[log.estimated], watch.of(flown["a"], flown["b"]))
-        return {name: known for name in ("msls", *PEERS)}
-    found = {"msls": np.array(log.followed)}
+        return {name: known for name in estimators(configuration)}
+    found = {configuration.estimator.method: np.array(log.followed)}
     for name, peer in _peers(configuration, watch).items():
         peer.reset()
         found[name] = np.concatenate(peer.run(time, x, xdot, delta, every=len(time)).followed)
     return found
+
+
+def estimators(configuration: Configuration) -> tuple[str, ...]:
+    """Return the method that flies, and its peers."""
+    return (configuration.estimator.method, *PEERS[configuration.estimator.method])
 
 
 def _identified(configuration: Configuration, watch: Watch) -> bool:
@@ -234,7 +241,8 @@ def _identified(configuration: Configuration, watch: Watch) -> bool:
 @functools.lru_cache(maxsize=8)
 def _peers(configuration: Configuration, watch: Watch) -> dict[str, Identifier]:
     """Return the peers of an identifier, whatever its seed: they do not fly."""
-    peers = {name: Identifier(configuration.replace(changes)) for name, changes in PEERS.items()}
+    changed = PEERS[configuration.estimator.method]
+    peers = {name: Identifier(configuration.replace(changes)) for name, changes in changed.items()}
     for peer in peers.values():
         peer.follow(watch.row, watch.column)
     return peers

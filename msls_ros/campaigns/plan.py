@@ -116,7 +116,7 @@ def _with_law(scenario: Scenario, setting: Setting) -> Scenario:
 def _settings(
     base: Configuration, law: LawChoice, comparisons: Sequence[tuple[str, tuple[str, ...]]]
 ) -> Iterator[Setting]:
-    """Yield all combinations of the values, each of the type that its parameter has."""
+    """Yield all combinations of the values, each of the type that its parameter has; first what is configured."""
     known = as_mapping(base)
     axes = []
     for name, texts in comparisons:
@@ -138,7 +138,11 @@ def _settings(
         values = [_typed(text, known[name]) for text in texts]
         _refuse_twice([f"{value}" for value in values], f"--compare {name}")
         axes.append([(name, value) for value in values])
-    yield from itertools.product(*axes)
+    combinations = list(itertools.product(*axes))
+    configured = tuple((name, known[name]) for name, _ in comparisons if name in known)
+    if len(configured) == len(comparisons) > 0 and configured not in combinations:
+        yield ()
+    yield from combinations
 
 
 def law_values(law: LawChoice, name: str, texts: Sequence[str]) -> list[Any]:

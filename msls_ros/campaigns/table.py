@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.campaigns.flight import ANGLES, Cell, Row
-from msls_ros.flights.judging import ALARM_WINDOW, LATE, PEERS, SETTLED
+from msls_ros.campaigns.flight import ANGLES, Cell, Row, estimators
+from msls_ros.flights.judging import ALARM_WINDOW, LATE, SETTLED
 from msls_ros.flights.spread import Spread, spread
 
-ESTIMATORS = ("msls", *PEERS)
 QUANTITIES = ("settle_s", "rms_before", "rms_after", "rms_after_now", "peak_error", "late_error", "late_error_now")
+NAMED = ("rightly", "wrongly", "not")
 HOUR = 3600.0
 WIDTH = 116
 NOTES = (
@@ -26,6 +26,8 @@ NOTES = (
     "fault, counted from the end of the ramp; where it never does, that is the end of the flight.",
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
+    "named: an effector, up to 5 s after the end of the ramp, that has truly lost a tenth of its effect or more; "
+    "wrongly: any other name. z: the share left less the true one, over its standard error.",
     "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
     "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
 )
@@ -34,6 +36,7 @@ NOTES = (
 def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
     """Return the numbers of the flights of a cell; None where there are no data."""
     flown = [row for row in rows if row["error"] is None]
+    methods = estimators(cell.configuration)
     faults = [fault for row in flown for fault in row["faults"]]
     false = sum(row["false_alarms"] for row in flown)
     hours = sum(row["exposed_s"] for row in flown) / HOUR
@@ -42,6 +45,7 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "noise": cell.noise,
         "setting": dict(cell.setting),
         "watch": str(cell.scenario.watch),
+        "method": methods[0],
         "flights": len(rows),
         "failed": len(rows) - len(flown),
         "faults": len(faults),
@@ -51,13 +55,15 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "false_alarms": false,
         "exposed_h": hours,
         "false_alarms_per_h": false / hours if hours > 0.0 else None,
-        **{name: {key: _spread(row[name][key] for row in flown) for key in QUANTITIES} for name in ESTIMATORS},
+        **{name: {key: _spread(row[name][key] for row in flown) for key in QUANTITIES} for name in methods},
         "coverage": {matrix: _pooled([row["coverage"][matrix] for row in flown]) for matrix in ("a", "b")},
+        "named": {key: sum(row["named"][key] for row in flown) for key in NAMED},
+        "named_z": _spread(abs(z) for row in flown for z in row["named"]["z"]),
         "reliable_share_before": _spread(row["reliable_share_before"] for row in flown),
         "dither_predicted_g_max": max((row["dither_predicted_g_max"] for row in flown), default=None),
         "not_finite": {
             "flight": sum(not row["finite"] for row in flown),
-            **{name: sum(not row[name]["finite"] for row in flown) for name in ESTIMATORS},
+            **{name: sum(not row[name]["finite"] for row in flown) for name in methods},
         },
         "tracking": _tracking([row["tracking"] for row in flown if "tracking" in row]),
         "errors": sorted({row["error"] for row in rows if row["error"] is not None}),
@@ -119,7 +125,8 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
     """Return the lines of a table: a line of each scenario, below it one for each noise and setting."""
     lines = [["", *(name for name, _ in columns)]]
     lines += [
-        [f"  {cell.noise:4}  {cell.label}".rstrip(), *(cell_of(one) for _, cell_of in columns)] for cell, one in found
+        [f"  {cell.noise:4}  {cell.label or _plain(found)}".rstrip(), *(cell_of(one) for _, cell_of in columns)]
+        for cell, one in found
     ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     head, *rest = (
@@ -133,12 +140,27 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
     return table
 
 
+def _plain(found: Sequence[tuple[Cell, dict[str, Any]]]) -> str:
+    """Return what a cell without a setting is called: nothing, where no other cell has one."""
+    return "as configured" if any(cell.setting for cell, _ in found) else ""
+
+
 def _range(found: dict[str, float] | None, factor: float = 1.0) -> str:
     return "-" if found is None else str(Spread(*(factor * found[key] for key in ("median", "low", "high"))))
 
 
 def _of(name: str, quantity: str, factor: float = 100.0) -> Callable[[dict[str, Any]], str]:
-    return lambda summary: _range(summary[name][quantity], factor)
+    """Return a column of the estimator that flew, for an empty name, or of a peer."""
+
+    def column(summary: dict[str, Any]) -> str:
+        shown = not name or (name in summary and name != summary["method"])
+        return _range(summary[name or summary["method"]][quantity], factor) if shown else "-"
+
+    return column
+
+
+def _missing(name: str) -> Callable[[dict[str, Any]], str]:
+    return lambda summary: str(summary["not_finite"].get(name, "-"))
 
 
 def _coverage(matrix: str) -> Callable[[dict[str, Any]], str]:
@@ -177,21 +199,22 @@ ALARMS: Sequence[Column] = (
     ("missed", lambda s: str(s["missed"]) if s["faults"] else "-"),
     ("delay [s]", lambda s: _range(s["delay_s"])),
     ("false alarms per hour", _rate),
+    ("named rightly / wrongly / not", lambda s: " / ".join(str(s["named"][key]) for key in NAMED)),
+    ("|z| of the share left", lambda s: _range(s["named_z"])),
 )
+BESIDE = ("msls", "rls")
+"""Peers in the table, where they did not fly themselves."""
 ERRORS: Sequence[Column] = (
-    ("settled MSLS", _of("msls", "settle_s", 1.0)),
-    ("RLS", _of("rls", "settle_s", 1.0)),
-    ("before MSLS", _of("msls", "rms_before")),
-    ("RLS", _of("rls", "rms_before")),
-    ("after MSLS", _of("msls", "rms_after")),
-    ("RLS", _of("rls", "rms_after")),
+    *(("settled", _of("", "settle_s", 1.0)), *((f"{name.upper()}", _of(name, "settle_s", 1.0)) for name in BESIDE)),
+    *(("before", _of("", "rms_before")), *((f"{name.upper()}", _of(name, "rms_before")) for name in BESIDE)),
+    *(("after", _of("", "rms_after")), *((f"{name.upper()}", _of(name, "rms_after")) for name in BESIDE)),
 )
 TRUST: Sequence[Column] = (
     ("A in the band", _coverage("a")),
     ("B in the band", _coverage("b")),
     ("reliable before [%]", lambda s: _range(s["reliable_share_before"], 100.0)),
-    ("late MSLS [%]", _of("msls", "late_error_now")),
+    ("late [%]", _of("", "late_error_now")),
     ("NaN", lambda s: str(s["not_finite"]["flight"])),
-    ("NaN in RLS", lambda s: str(s["not_finite"]["rls"])),
+    ("NaN in RLS", _missing("rls")),
     ("dither [g]", lambda s: "-" if s["dither_predicted_g_max"] is None else f"{s['dither_predicted_g_max']:.3f}"),
 )

@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay: update, ill-conditioned stream; replay, latency; damage; laws."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, bars."""
 
 from __future__ import annotations
 
@@ -17,6 +17,15 @@ from msls_ros.plant import NOISE_LEVELS
 CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
 """Suites of `benchmarks.control`."""
 ROOT = Path(__file__).resolve().parents[2]
+FAULTS = ("bags", "messages", "nodes", "kills", "disks", "network", "soak")
+FAULT_SIZES = (
+    ("bags", 2000, "how many damaged copies"),
+    ("messages", 100_000, "damaged messages through the gate, and as many through the maps of other stacks"),
+    ("nodes", 5000, "damaged messages over DDS to each node"),
+    ("kills", 20, "kills of each of four nodes"),
+    ("network", 20, "seconds over a bad network"),
+    ("soak", 3600, "seconds of flight in one go"),
+)
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -33,8 +42,10 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
     campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
-    faults = commands.add_parser("faults", help="damaged bags of every format read and repaired: what was lost")
-    faults.add_argument("--bags", type=count, default=2000, help="how many damaged copies (default: 2000)")
+    faults = commands.add_parser("faults", help="damaged bags and messages, kills, disks, network, soak: what was lost")
+    faults.add_argument("--only", nargs="+", choices=FAULTS, default=FAULTS, help="parts (default: all, an hour)")
+    for name, size, what in FAULT_SIZES:
+        faults.add_argument(f"--{name}", type=count, default=size, help=f"{what} (default: {size})")
     faults.add_argument("--seed", type=seed, default=0, help="of the damage (default: 0)")
     latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
@@ -53,7 +64,15 @@ def parser() -> argparse.ArgumentParser:
     control.add_argument("--seeds", type=count, default=2, help="how many (default: 2)")
     control.add_argument("--first-seed", type=seed, default=100, help="(default: 100)")
     control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
-    for command in (kernel, stress, replay, campaign, latency, faults, control):
+    calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
+    calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
+    calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+    calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+    calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
+    calibration.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+    )
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -68,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
-    measures |= {"latency": _latency, "faults": _faults, "control": _control}
+    measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -115,9 +134,20 @@ def _campaign(arguments: argparse.Namespace) -> Any:
 
 
 def _faults(arguments: argparse.Namespace) -> Any:
-    result = importlib.import_module("benchmarks.faults").measure(arguments.bags, _say, arguments.seed)
+    module = importlib.import_module("benchmarks.faults")
+    sizes = {name: getattr(arguments, name) for name, _, _ in FAULT_SIZES}
+    result = module.measure(arguments.only, sizes, _say, arguments.seed)
     if not arguments.json:
-        print(format_faults(result))
+        print(module.text(result))
+    return result
+
+
+def _calibration(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.calibration")
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "")
+    if not arguments.json:
+        print(module.render(result))
     return result
 
 
@@ -146,21 +176,6 @@ def format_control(rows: Sequence[dict[str, Any]]) -> str:
         errors = f"{row['roll_rms']:>10.2f}{row['alpha_max']:>11.2f}"
         lines.append(f"{row['noise']:6}{row['law']:8}{kept:>10}{row['well']:>6}{errors}{back:>11}")
     return "\n".join(lines)
-
-
-def format_faults(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table of damaged bags as text."""
-    columns = ("tried", "whole", "part", "refused", "silent", "crashed", "hung")
-    lines = [
-        "\ndamaged copies: read whole; in part, with a warning; refused in one line; with a silent loss; crashed; hung",
-        f"{'':36}" + "".join(f"{name:>9}" for name in columns) + f"{'slowest s':>11}",
-    ]
-    for row in rows:
-        cells = "".join(f"{row[name]:>9}" for name in columns)
-        lines.append(f"{row['kind']:36}{cells}{row['slowest_s']:>11.2f}")
-    totals = "".join(f"{sum(row[name] for row in rows):>9}" for name in columns)
-    lines.append(f"{'all':36}{totals}{max(row['slowest_s'] for row in rows):>11.2f}")
-    return "\n".join([*lines, *(f"{row['kind']}: {text}" for row in rows for text in row.get("examples", []))])
 
 
 def _latency(arguments: argparse.Namespace) -> Any:

@@ -7,6 +7,7 @@ import json
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -16,18 +17,23 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import check_replaceable
 from msls_ros.commands.arguments import OneLineParser, seed
+from msls_ros.commands.demo_end import prepare, write_page
 from msls_ros.commands.law_demo import show_law
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.report import default_folder, remove_report
 from msls_ros.control import LAWS, ControlError
 from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
+from msls_ros.flights.judging import LABELS
 from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.offline.comparison import compare
 from msls_ros.plant import NOISE_LEVELS
+
+NEVER = 0.1
+"""An error that is too large so near the end has never settled [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -107,11 +113,12 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
     """Fly, compare, draw; write ``summary.json`` into ``out`` and return what it holds."""
     set_logger_level("rcl", LoggingSeverity.ERROR)
     configuration = scenario.configuration(noise, seed, dither)
+    prepare(configuration)
     with Progress(f"flying {scenario.name}", scenario.duration, "s") as progress:
         record = fly(
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show
         )
-    print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
+    print("comparing with truth, drawing, writing the page ...", file=sys.stderr, flush=True)
     comparison = compare(record.bag, configuration, scenario.watch, scenario.airframe)
     found = {
         "scenario": scenario.name,
@@ -128,6 +135,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         "real_time_factor": round((record.samples - 1) * scenario.rates.period / record.wall_time, 2),
         "bag": str(record.bag),
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
+        **write_page(record.bag),
     }
     if scenario.law.plan is not None:
         found["law"] = show_law(scenario, configuration, comparison, out, noise, seed)
@@ -169,10 +177,11 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     watch = scenario.watch
     watched, dither = s[watch.symbol], s["dither"]
     lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]
+    lines += [*(textwrap.fill(sentence, 110) for sentence in s["verdict"]), ""]
     for (start, end), found in zip(scenario.fault_spans, s["detections"], strict=True):
         seen = "NOT detected"
         if found["time_s"] is not None:
-            seen = f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
+            seen = f"seen after {found['delay_s']:.2f} s, in {', '.join(found['equations'])}"
         grown = f"; it grows until {end:.2f} s" if end > start else ""
         lines.append(f"{f'fault at {start:.2f} s':<22}{seen}{grown}")
     lines.append(f"false alarms          {s['false_alarms']}")
@@ -180,9 +189,13 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     name = f"{watch.symbol} ({watch.derivative})"
     lines += [f"{name:<22}{watched['truth_before']:.3f}{after} {watch.unit} in truth", ""]
     lines.append(f"  {f'error of {watch.symbol}':<24}{'before':>9}{'peak':>9}{'after':>9}{'settled in':>13}")
-    for name, label in (("msls", "MSLS"), ("msls_no_detection", "MSLS without detection"), ("rls", "RLS")):
+    for name, label in LABELS.items():
+        if name not in watched:
+            continue
         e = watched[name]
         settle = "-" if e["settle_s"] is None else f"{e['settle_s']:.2f} s"
+        if e["settle_s"] is not None and e["settle_s"] > scenario.duration - (scenario.fault_end or 0.0) - NEVER:
+            settle = "never"
         lines.append(
             f"  {label:<24}{_percent(e['rms_before'])}{_percent(e['peak_error'])}{_percent(e['rms_after'])}{settle:>13}"
         )
@@ -195,6 +208,7 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}; "
         f"{dither['realised_of_limit']:.2f} of the limit, {dither['realised_of_limit_1s_max']:.2f} in the worst second",
         f"speed                 {s['real_time_factor']:.1f} x real time",
+        f"page                  {s['report']}",
         f"written               {os.path.dirname(s['bag']) or '.'}: bag/, summary.json, "
         + ", ".join(os.path.basename(f) for f in s["figures"]),
     ]

@@ -23,7 +23,7 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from msls_ros.commands import benchmark, campaign, demo, paper, replay, report, watch
+from msls_ros.commands import benchmark, campaign, demo, inspect, paper, replay, report, watch
 from msls_ros.flights.scenarios import shipped
 from msls_ros.nodes import control_parameters, controller, identifier, mixer, pilot, plant, recorder
 from msls_ros.nodes.parameters import Table, constraint
@@ -31,6 +31,7 @@ from msls_ros.nodes.parameters import Table, constraint
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = {
     "demo": demo.parser,
+    "inspect": inspect.parser,
     "replay": replay.parser,
     "report": report.parser,
     "campaign": campaign.parser,

@@ -9,15 +9,22 @@ in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
 ``base`` is the mean of the errors older than the longest window, ``energy`` what the output had when it was excited
 (`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d``
 is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
-what is excited for the first time cannot be called changed; it is learnt. No noise level enters anywhere.
+what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
+five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
+added to the nominal one. No noise level enters anywhere.
 """
 
 from __future__ import annotations
+
+import math
 
 from msls_ros.estimation.bank_energy import NEW, observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
+
+FURTHER = 4.0
+"""Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
 
 @compiled
@@ -61,8 +68,9 @@ def sense_bank(
         deviation = y[q] - x.mean[q]
         new = NEW * x.remembered[q]
         first = deviation * deviation / new if deviation * deviation > new and new > 0.0 else 1.0
-        statistic[q] = change_of(s, x, q, square / (expected * first))
-        if statistic[q] > s.threshold:
+        unknown = unknown_square(x, q, phi)
+        statistic[q] = change_of(s, x, q, square / (expected * first), unknown)
+        if statistic[q] > s.threshold and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
         else:
@@ -84,14 +92,26 @@ def uncertainty_of(R: Array, m: int, phi: Array, w: Array) -> float:
 
 
 @compiled
-def change_of(s: BankSettings, x: BankState, q: int, surprise: float) -> float:
+def unknown_square(x: BankState, q: int, phi: Array) -> float:
+    """Squared error that row q may have because regressors go further than those that its estimates are known by."""
+    total = 0.0
+    for i in range(1, phi.shape[0]):
+        deviation = phi[i] - x.phi_mean[i]
+        if deviation * deviation > FURTHER * x.phi_remembered[i]:
+            total += deviation * deviation * x.square[q, i]
+    return total
+
+
+@compiled
+def change_of(s: BankSettings, x: BankState, q: int, surprise: float, unknown: float) -> float:
     """Return the statistic of row q with the squared error of now; 0 while the detector is not armed."""
     size = x.ring.shape[1]
     if x.counted[q] < size or x.base[q, 1] < s.rest:
         return 0.0
     nominal = x.base[q, 0] / x.base[q, 1] + s.floor * s.floor * x.remembered[q]
-    if nominal <= 0.0:
+    if nominal <= 0.0 or unknown == math.inf:
         return 0.0
+    nominal += unknown
     total = surprise
     taken = 1
     largest = 0.0

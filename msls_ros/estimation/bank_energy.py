@@ -21,6 +21,9 @@ from msls_ros.estimation.kernel import Array
 NEW = 9.0
 """A regressor is new to us where its squared deviation is so many times the energy that it is known by."""
 
+FIRST = 25.0
+"""It is excited for the first time in earnest where it is so many times that: five standard deviations of noise."""
+
 
 @compiled
 def observe_novelty(s: BankSettings, x: BankState, phi: Array) -> float:
@@ -35,6 +38,8 @@ def observe_novelty(s: BankSettings, x: BankState, phi: Array) -> float:
     """
     start = 1.0 / (x.samples[0] + 1.0)
     novelty = 1.0
+    if x.learning[0] > 0:
+        x.learning[0] -= 1
     for i in range(1, phi.shape[0]):
         x.phi_mean[i] += max(start, s.energy[0]) * (phi[i] - x.phi_mean[i])
         deviation = phi[i] - x.phi_mean[i]
@@ -42,11 +47,30 @@ def observe_novelty(s: BankSettings, x: BankState, phi: Array) -> float:
         known = x.phi_remembered[i]
         if now > novelty * NEW * known and known > 0.0:
             novelty = now / (NEW * known)
+        if now > FIRST * known and known > 0.0 and x.samples[0] > 0:
+            x.learning[0] = s.learning
         gate = now / known if known > now else 1.0
         x.phi_remembered[i] += max(start, s.energy[2]) * gate * (now - known)
         if now > known:
             x.phi_remembered[i] += s.energy[3] * (now - x.phi_remembered[i])
+    observe_steps(s, x, phi, start)
     return novelty
+
+
+@compiled
+def observe_steps(s: BankSettings, x: BankState, phi: Array, start: float) -> None:
+    """As `observe_novelty` of how fast the effectors move: a step shows what a late or early record makes of it."""
+    for i in range(s.effectors_from + 1, s.effectors_to + 1):
+        step = phi[i] - x.phi_last[i] if x.samples[0] > 0 else 0.0
+        now = step * step
+        known = x.step_remembered[i]
+        if now > FIRST * known and known > 0.0:
+            x.learning[0] = s.learning
+        gate = now / known if known > now else 1.0
+        x.step_remembered[i] += max(start, s.energy[2]) * gate * (now - known)
+        if now > known:
+            x.step_remembered[i] += s.energy[3] * (now - x.step_remembered[i])
+        x.phi_last[i] = phi[i]
 
 
 @compiled

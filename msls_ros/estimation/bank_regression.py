@@ -12,7 +12,8 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import Difference, invert, upper_factor
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.state import Output, make_output
+from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.state import Output, forget_sample, make_output
 
 GROUPS = 4
 """Most groups of rows with a history of their own."""
@@ -36,6 +37,7 @@ class BankRegression:
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
         self._work = make_bank_work(settings)
+        self._observed = np.zeros(0), np.zeros((0, rows))
         self.reset()
 
     def reset(self) -> None:
@@ -45,7 +47,7 @@ class BankRegression:
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; what has been learnt stays."""
-        self.settings = bank_settings(configuration)
+        self.settings = bank_settings(configuration, self.settings.straddle)
 
     def follow(self, row: int, column: int) -> None:
         """Have ``Output.followed`` hold one estimate; negative: none."""
@@ -95,8 +97,19 @@ class BankRegression:
         return make_output(samples, len(self.theta), self.settings.effectors_to - self.settings.effectors_from)
 
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
-        """Take samples from ``start`` on; return the index after the last one taken."""
-        return advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out)
+        """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
+        if len(self._observed[0]) != len(phi):
+            self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
+        done = int(advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
+        self.noise[:] = self._observed[1][done - 1]
+        if out.restart[done - 1] != SOUND:
+            self.reset()
+            forget_sample(out, done - 1)
+        return done
+
+    def observe(self, time: Array, noise: Array) -> None:
+        """Take time, (n,) [s], and variance of the noise in the states, (n, r), of the samples that come next."""
+        self._observed = time, noise
 
     @property
     def theta(self) -> Array:
@@ -130,11 +143,6 @@ class BankRegression:
         errors = np.empty(p)
         residual = bank_errors(self.settings, self.state, row, self.noise, self._work.e, self._work.w, errors)
         return errors, residual
-
-    def forgetting(self, row: int) -> float:
-        """Forgetting factor of a row: the members' mean, by their shares [1]."""
-        shares, factors = self.state.weight[row].tolist(), self.settings.forgetting.tolist()
-        return float(sum(w * f for w, f in zip(shares, factors, strict=True)))
 
     def age(self, row: int) -> int:
         """Samples since the row's group began."""

@@ -13,13 +13,25 @@ from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
-from msls_ros.estimation.bank_uncertainty import leading_member, observe_errors, residual_variance
+from msls_ros.estimation.bank_uncertainty import keep_best, leading_member, observe_errors, residual_variance
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.soundness import (
+    LARGEST_ESTIMATE,
+    LARGEST_VARIANCE,
+    MISFIT,
+    NOT_FINITE,
+    SOUND,
+    all_within,
+    count_misfits,
+)
 from msls_ros.estimation.state import Output
 
 SHARPEN = 4
 """The sharpest member of a row is looked for at every so manieth sample, and at every one after a restart."""
+
+KEEP = 4
+"""The best known is looked for at every so manieth sample."""
 
 WEIGH = 2
 """The shares of a row's members are computed anew at every so manieth sample, and at every one after a restart."""
@@ -35,6 +47,8 @@ def advance_bank(
     stop: int,
     work: BankWork,
     out: Output,
+    time: Array,
+    noise: Array,
 ) -> int:
     """Take samples until one alarms or all are taken; return the index after the last one taken.
 
@@ -50,6 +64,8 @@ def advance_bank(
         Scratch.
     out
         What happened, per sample.
+    time, noise
+        (n,) [s], and (n, r) variance of the noise in the states.
     """
     p = phi.shape[1]
     for n in range(start, stop):
@@ -58,12 +74,15 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, y[n])
+        observe_place(s, x, work.phi, time[n])
         if any_alarm:
             split_bank(s, x, out.alarm[n])
         for g in range(x.age.shape[0]):
-            if in_use(x, g):
+            if in_use(x, g) and not waits(x, g):
                 update_members(s, x, g, y[n], work)
         for q in range(y.shape[1]):
+            if x.waiting[x.group[q]] > 0:
+                continue
             judge(s, x, q, y[n, q], work)
             observe_errors(s, x, q, work.e)
             if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
@@ -71,13 +90,44 @@ def advance_bank(
             if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
                 find_sharpest(x, q)
             mix(x, q, work.e)
+            if (x.samples[0] + q) % KEEP == 0:
+                keep_best(s, x, q, noise[n], work.e, work.w, work.squares)
         x.samples[0] += 1
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
-        if any_alarm:
+        out.restart[n] = judge_soundness(x, y[n], out.e[n])
+        if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def judge_soundness(x: BankState, y: Array, e: Array) -> int:
+    """Say whether, and why, everything is to be forgotten after a sample; see `soundness`."""
+    if count_misfits(x.misfits, y, e) >= 2 * x.theta.shape[1]:
+        return MISFIT
+    if not all_within(x.theta, LARGEST_ESTIMATE) or not all_within(x.known, LARGEST_VARIANCE):
+        return NOT_FINITE
+    return SOUND
+
+
+@compiled
+def observe_place(s: BankSettings, x: BankState, phi: Array, time: float) -> None:
+    """Update where in the envelope the aircraft flies, and the clock."""
+    gain = max(s.place, 1.0 / (x.samples[0] + 1.0))
+    for j in range(x.place.shape[0]):
+        x.place[j] += gain * (phi[s.velocities[j]] / s.speed[j] - x.place[j])
+    x.clock[0] = time
+
+
+@compiled
+def waits(x: BankState, g: int) -> bool:
+    """Count down the samples that straddle the change of group g; whether this is one of them."""
+    if x.waiting[g] == 0:
+        return False
+    x.waiting[g] -= 1
+    return bool(x.waiting[g] > 0)
 
 
 @compiled
@@ -98,6 +148,7 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
         if alarm[q] != 0:
             keep_before(x, q)
     clear_factors(s, x, target)
+    x.waiting[target] = s.straddle + 1 if s.straddle > 0 else 0
     for q in range(alarm.shape[0]):
         if alarm[q] != 0 or x.group[q] == target:
             x.group[q] = target
@@ -126,6 +177,9 @@ def restart_row(x: BankState, q: int) -> None:
     p, members = x.members.shape[1:]
     x.judged[q] = 0.0
     x.counted[q] = -2 * p
+    for i in range(p):
+        x.best_square[q, i] = math.inf
+        x.square[q, i] = math.inf
     for m in range(members):
         for k in range(3):
             x.evidence[q, k, m] = 0.0

@@ -42,9 +42,13 @@ BASE = 4.0
 """Memory of the nominal squared error [s]."""
 REST = 20
 """Samples without detection at a start."""
-RESIDUAL_MEMORY = 4.0
-COLOUR_MEMORY = 10.0
+RESIDUAL_MEMORY = 1.5
+COLOUR_MEMORY = 4.0
 """[s]"""
+LEARNING = 1.0
+"""After a first excitation [s]; the longest window of the detector besides."""
+PLACE = 0.5
+"""Memory of the mean velocities [s]."""
 
 
 def bank_grid(memories: Sequence[float], held: Sequence[float]) -> list[tuple[float, float, float, int]]:
@@ -59,6 +63,8 @@ def make_bank_settings(
     grid: Sequence[tuple[float, float, float, int]],
     *,
     effectors: tuple[int, int] = (0, 0),
+    velocities: Sequence[int] = (),
+    straddle: int = 0,
     detect: bool = True,
     threshold: float = THRESHOLD,
 ) -> BankSettings:
@@ -74,6 +80,10 @@ def make_bank_settings(
         Members, see `bank_grid`.
     effectors
         First and after the last effector among the regressors.
+    straddle
+        Samples over which the inputs were smoothed or differentiated.
+    velocities
+        Which regressors are velocities: they say where in the envelope a number was known.
     detect
         Whether alarms are raised.
     threshold
@@ -110,18 +120,25 @@ def make_bank_settings(
         effectors_to=effectors[1],
         reference=widest.index(max(widest)),
         recent=recent,
+        learning=round(LEARNING / period) + WINDOWS[-1],
+        straddle=straddle,
+        velocities=np.array(velocities, np.int64) + 1,
+        speed=np.array([scale[i] for i in velocities], dtype=np.float64),
+        place=min(period / PLACE, 1.0),
         followed_row=-1,
         followed_column=-1,
     )
 
 
-def bank_settings(c: Configuration) -> BankSettings:
-    """Translate the parameters into what the compiled loop takes."""
+def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
+    """Translate the parameters, and over how many samples the inputs were smoothed, into what the loop takes."""
     scale = np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors])
     return make_bank_settings(
         scale,
         1.0 / c.sample_rate,
         bank_grid(c.estimator.memories, c.estimator.held_memories),
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
+        straddle=straddle,
+        velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
         detect=c.detector.mode != "off",
     )

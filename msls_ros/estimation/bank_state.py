@@ -61,6 +61,16 @@ class BankSettings(NamedTuple):
     """Member whose information counts as knowledge: the longest memory, the widest prior."""
     recent: int
     """Member whose information counts as excitation."""
+    learning: int
+    """Samples for which no alarm is raised after a first excitation."""
+    straddle: int
+    """Samples after an alarm whose windows straddle the change: they do not enter the restarted rows."""
+    velocities: Integers
+    """(v,) which regressors are velocities, constant first."""
+    speed: Array
+    """(v,) their scales."""
+    place: float
+    """Gain per sample of their means."""
     followed_row: int
     followed_column: int
     """Of the estimate that `Output.followed` holds; negative: none."""
@@ -113,6 +123,10 @@ class BankState(NamedTuple):
     """(p,) slow mean of the regressors."""
     phi_remembered: Array
     """(p,) energy of the regressors about it that is remembered."""
+    phi_last: Array
+    """(p,) the last effectors, at their places among the regressors."""
+    step_remembered: Array
+    """(p,) energy of their steps that is remembered."""
     gate: Array
     """(r,) present over remembered energy, at most 1."""
     shared_gate: Array
@@ -128,7 +142,7 @@ class BankState(NamedTuple):
     e: Array
     """(r,) last normalised prediction errors of the mixture; NaN: none."""
     residual: Array
-    """(r, 3) weighted sums: the members' normalised squared errors, one step ahead and delayed, and the weights."""
+    """(r, 4) weighted sums: the members' normalised squared errors one step ahead, their weights; the same delayed."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     pending: Integers
@@ -139,8 +153,28 @@ class BankState(NamedTuple):
     """(r, p, p) factor of the leading member before that alarm."""
     variance_before: Array
     """(r,) residual variance, corrected for colour, before that alarm."""
+    misfits: Integers
+    """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
     """(1,) samples since the last reset."""
+    learning: Integers
+    """(1,) samples left in which what is excited for the first time is learnt, not alarmed."""
+    waiting: Integers
+    """(g,) samples left that straddle a change."""
+    square: Array
+    """(r, p) squared standard errors, constant first."""
+    best: Array
+    """(r, p) the best known estimates, constant first."""
+    best_square: Array
+    """(r, p) their squared standard errors; infinite: none."""
+    best_time: Array
+    """(r, p) when they were known [s]."""
+    best_place: Array
+    """(r, p, v) mean velocities, in units of their scale, where they were known."""
+    place: Array
+    """(v,) mean velocities now, in units of their scale."""
+    clock: Array
+    """(1,) time of the last sample [s]."""
 
 
 class BankWork(NamedTuple):
@@ -150,6 +184,8 @@ class BankWork(NamedTuple):
     """(p,) regressor, constant first."""
     w: Array
     """(p,)"""
+    squares: Array
+    """(p,) squared standard errors."""
     row: Array
     """(p, m) rows that are rotated in."""
     z: Array
@@ -199,6 +235,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         remembered=np.zeros(rows),
         phi_mean=np.zeros(p),
         phi_remembered=np.zeros(p),
+        phi_last=np.zeros(p),
+        step_remembered=np.zeros(p),
         gate=np.zeros(rows),
         shared_gate=np.zeros(groups),
         ring=np.zeros((rows, w)),
@@ -206,13 +244,23 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         counted=np.zeros(rows, np.int64),
         base=np.zeros((rows, 2)),
         e=np.zeros(rows),
-        residual=np.zeros((rows, 3)),
+        residual=np.zeros((rows, 4)),
         colour=np.zeros((rows, 2)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
         R_before=np.zeros((rows, p, p)),
         variance_before=np.zeros(rows),
+        misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
+        learning=np.zeros(1, np.int64),
+        waiting=np.zeros(groups, np.int64),
+        square=np.zeros((rows, p)),
+        best=np.zeros((rows, p)),
+        best_square=np.zeros((rows, p)),
+        best_time=np.zeros((rows, p)),
+        best_place=np.zeros((rows, p, len(s.velocities))),
+        place=np.zeros(len(s.velocities)),
+        clock=np.zeros(1),
     )
 
 
@@ -221,7 +269,9 @@ def make_bank_work(s: BankSettings) -> BankWork:
     p, m = s.prior.shape
     row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
     c, t, left, root, first, loss, e = (np.zeros(m) for _ in range(7))
-    return BankWork(np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e)
+    return BankWork(
+        np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e
+    )
 
 
 def clear_bank(s: BankSettings, x: BankState) -> None:
@@ -231,6 +281,8 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.weight[:] = 1.0 / len(s.forgetting)
     x.known[:] = 1.0
     x.e[:] = math.nan
+    x.best_square[:] = math.inf
+    x.square[:] = math.inf
     x.counted[:] = -s.rest
     clear_factors(s, x, 0)
 

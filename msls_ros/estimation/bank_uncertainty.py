@@ -1,24 +1,39 @@
-"""Error bars of the bank: what members know, what their residuals are, how far they disagree, how noise biases.
+"""Error bars of the bank: what members know now, and the best that was known before.
 
 Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
 
-    se_i^2 = s^2 c / sum W_m I_mi  +  sum W_m I_mi (theta_mi - theta_i)^2 / sum W_m I_mi  +  b_i^2
+    now_i^2 = (s^2 c + sum W_m I_mi (theta_mi - theta_i)^2) / sum W_m I_mi  +  b_i^2  +  (f rho theta_i)^2
 
 The first term is covariance intersection times the variance of the residual. ``s^2`` is the geometric mean of the
 members' squared one-step and delayed prediction errors, each over 1 + d: the first alone does not see that the model
-bends, the second alone takes all bending for noise. It is weighted like the evidence: bars that were earned in a
-manoeuvre keep the residual of the manoeuvre through the quiet after it. ``c`` corrects for colour, ``(1 + rho)/(1 -
-rho)`` with the lag-1 autocorrelation of the prediction errors, and for the degrees of freedom that the parameters have
-taken, ``n/(n - p)``. The second term, the spread between members, is the uncertainty about the model itself. ``b`` is
-the bias by noise in the states and by gusts (`regressor_noise`), for the member that counts most.
+bends, the second alone takes all bending for noise; errors count once the estimates that made them could know anything.
+``c`` corrects for colour, ``(1 + rho)/(1 - rho)`` with the lag-1 autocorrelation rho of the prediction errors, and for
+the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - p - 2)``. The second term,
+the spread between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by
+gusts (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
+autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate.
 
-Variance and colour are carried over an alarm; the number of samples is not: nothing is claimed before ``2p`` samples.
+**What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
+estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
+
+    kept_i^2 = best_i^2 + (theta_i - theta_best_i)^2 + (theta_best_i |place - place_best| / reach)^2
+    se_i = min(now_i, kept_i)
+
+To both is added by how much the member that remembers the last second and a half contradicts the estimate, beyond two
+of its standard errors: what dither alone shows of a change counts little in the evidence, but it must not be hidden.
+
+By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
+derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
+which is what the last term allows for. Where now is no worse than what is kept, it is kept instead.
+
+Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``2p``.
 
 References
 ----------
 Bates and Granger, "The combination of forecasts", 1969; Buckland, Burnham and Augustin, "Model selection: an integral
 part of inference", Biometrics 53 (1997) (spread between models). Grauer and Morelli, "Parameter uncertainty for
-aircraft parameter estimates using recursive least squares", 2016 (coloured residuals).
+aircraft parameter estimates using recursive least squares", 2016 (coloured residuals). Atkeson, Moore and Schaal,
+"Locally weighted learning", Artif. Intell. Rev. 11 (1997) (what is known is known about where it was learnt).
 """
 
 from __future__ import annotations
@@ -30,6 +45,12 @@ from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
+REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
+"""Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
+CHANCE = 4.0
+"""Squared standard errors by which the last seconds may differ from the estimate by chance."""
+SYSTEMATIC = 0.12
+"""Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
 LARGEST_COLOUR = 0.98
 """The autocorrelation is not taken for more: the memory holds no more independent stretches."""
 
@@ -58,35 +79,45 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
     for m in range(e.shape[0]):
         e[m] *= x.errors[q, m] * deviation[m]
     square = sum_members(e)
-    if x.age[x.group[q]] > x.mixed.shape[1]:
+    age, p = x.age[x.group[q]], x.mixed.shape[1]
+    begun = age - (2 * p if x.samples[0] < age + 1 else p)
+    if begun > 0:
         weight = max(x.gate[q], s.quiet)
         fade = 1.0 - (1.0 - s.residual_forgetting) * weight
         x.residual[q, 0] = fade * x.residual[q, 0] + weight * square
-        x.residual[q, 1] = fade * x.residual[q, 1] + weight * delayed
-        x.residual[q, 2] = fade * x.residual[q, 2] + weight
+        x.residual[q, 1] = fade * x.residual[q, 1] + weight
+        if begun > s.delay:  # before, the estimates of then knew nothing
+            x.residual[q, 2] = fade * x.residual[q, 2] + weight * delayed
+            x.residual[q, 3] = fade * x.residual[q, 3] + weight
         if not math.isnan(x.e[q]):
             fade = 1.0 - (1.0 - s.colour_forgetting) * weight
             x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
-            x.colour[q, 1] = fade * x.colour[q, 1] + weight * error * error
+            x.colour[q, 1] = fade * x.colour[q, 1] + weight * 0.5 * (error * error + x.e[q] * x.e[q])
     x.e[q] = error
+
+
+@compiled
+def autocorrelation(x: BankState, q: int) -> float:
+    """Return the lag-1 autocorrelation of row q's prediction errors, 0 to `LARGEST_COLOUR` [1]."""
+    if x.colour[q, 1] <= 0.0:
+        return 0.0
+    return float(min(max(x.colour[q, 0] / x.colour[q, 1], 0.0), LARGEST_COLOUR))
 
 
 @compiled
 def long_run_factor(x: BankState, q: int) -> float:
     """Return by how much colour multiplies the variance of a mean of row q's residuals [1]."""
-    if x.colour[q, 1] <= 0.0:
-        return 1.0
-    rho = min(max(float(x.colour[q, 0]) / float(x.colour[q, 1]), 0.0), LARGEST_COLOUR)
+    rho = autocorrelation(x, q)
     return (1.0 + rho) / (1.0 - rho)
 
 
 @compiled
 def residual_variance(x: BankState, q: int) -> float:
     """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
-    if x.residual[q, 2] <= 0.0:
+    if x.residual[q, 1] <= 0.0:
         return math.inf
-    now = x.residual[q, 0] / x.residual[q, 2]
-    delayed = x.residual[q, 1] / x.residual[q, 2]
+    now = x.residual[q, 0] / x.residual[q, 1]
+    delayed = x.residual[q, 2] / x.residual[q, 3] if x.residual[q, 3] > 0.0 else now
     return math.sqrt(now) * math.sqrt(max(now, delayed)) * long_run_factor(x, q)
 
 
@@ -140,6 +171,73 @@ def leading_member(x: BankState, q: int) -> int:
 
 
 @compiled
+def direct_squares(
+    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
+) -> bool:
+    """Squared standard errors by what the members know now, (p,) out, constant first; False before 2p samples."""
+    p = squares.shape[0]
+    age = x.age[x.group[q]]
+    if x.residual[q, 1] <= 0.0 or age <= 2 * p:
+        for i in range(p):
+            squares[i] = math.inf
+        return False
+    variance = residual_variance(x, q) * age / (age - p - 2.0)
+    share = SYSTEMATIC * autocorrelation(x, q)
+    attenuation(s, x, q, noise, bias)
+    for i in range(p):
+        info = x.info[x.group[q], i]
+        theta = x.members[q, i]
+        for m in range(products.shape[0]):
+            difference = theta[m] - x.mixed[q, i]
+            products[m] = x.weight[q, m] * info[m] * difference * difference
+        stays = share * x.mixed[q, i]
+        squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
+        squares[i] += disagreement(s, x, q, i)
+    return True
+
+
+@compiled
+def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square by which the member of the last seconds contradicts row q's coefficient i, beyond what chance makes."""
+    m = s.recent
+    difference = x.members[q, i, m] - x.mixed[q, i]
+    chance = CHANCE * residual_variance(x, q) / x.info[x.group[q], i, m]
+    return float(max(difference * difference - chance, 0.0))
+
+
+@compiled
+def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Squared standard error of coefficient i (constant first) by the best that was known of it."""
+    if x.best_square[q, i] == math.inf:
+        return math.inf
+    moved = x.mixed[q, i] - x.best[q, i]
+    away = 0.0
+    for j in range(x.place.shape[0]):
+        step = x.place[j] - x.best_place[q, i, j]
+        away += step * step
+    reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
+    size = x.best[q, i] / reach
+    return float(x.best_square[q, i] + moved * moved + size * size * away + disagreement(s, x, q, i))
+
+
+@compiled
+def keep_best(
+    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
+) -> None:
+    """Keep row q's estimates where they are known better than what is kept is good for now."""
+    direct_squares(s, x, q, noise, products, bias, squares)
+    for i in range(squares.shape[0]):
+        carried = carried_square(s, x, q, i)
+        x.square[q, i] = min(squares[i], carried)
+        if squares[i] <= carried and squares[i] < math.inf:
+            x.best[q, i] = x.mixed[q, i]
+            x.best_square[q, i] = squares[i]
+            x.best_time[q, i] = x.clock[0]
+            for j in range(x.place.shape[0]):
+                x.best_place[q, i, j] = x.place[j]
+
+
+@compiled
 def bank_errors(
     s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, errors: Array
 ) -> float:
@@ -164,25 +262,12 @@ def bank_errors(
         Standard deviation of the residual [output]; NaN before there is any data.
     """
     p = errors.shape[0]
-    age = x.age[x.group[q]]
-    residual = math.sqrt(x.residual[q, 0] / x.residual[q, 2]) if x.residual[q, 2] > 0.0 else math.nan
-    if x.residual[q, 2] <= 0.0 or age <= 2 * p:
-        for i in range(p):
-            errors[i] = math.inf
-        return residual
-    variance = residual_variance(x, q) * age / (age - p)
-    attenuation(s, x, q, noise, bias)
+    residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
+    direct_squares(s, x, q, noise, products, bias, errors)
     for i in range(p):
-        info = x.info[x.group[q], i]
-        theta = x.members[q, i]
-        for m in range(products.shape[0]):
-            products[m] = x.weight[q, m] * info[m]
-        total = x.known[q, i]
-        for m in range(products.shape[0]):
-            difference = theta[m] - x.mixed[q, i]
-            products[m] *= difference * difference
-        square = (variance + sum_members(products)) / total + bias[i] * bias[i]
-        errors[(i + p - 1) % p] = math.sqrt(square)
+        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)))
+    for i in range(p):
+        errors[(i + p - 1) % p] = bias[i]
     return residual
 
 

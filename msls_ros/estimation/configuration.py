@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.sections import (
     Bounds,
     DetectorParameters,
@@ -24,6 +24,7 @@ from msls_ros.estimation.sections import (
     ReliabilityParameters,
     parameter,
 )
+from msls_ros.estimation.surfaces import read_surfaces
 
 STATES = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")
 EFFECTORS = ("de", "dr", "ddt", "ddf", "dsf", "dte", "dtr")
@@ -90,6 +91,7 @@ class Configuration:
             )
             message += f"period, {0.5 / self.sample_rate:g} s"
             raise EstimationError(message)
+        read_surfaces(self.isolation.surfaces, self.effectors)
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
             raise EstimationError(message)
@@ -161,7 +163,7 @@ def from_mapping(values: Mapping[str, Any]) -> Configuration:
     sections: dict[str, dict[str, Any]] = {}
     for name, value in flat.items():
         if name not in known:
-            message = f"parameter '{name}' does not exist; there are {', '.join(sorted(known))}"
+            message = f"parameter '{name}' does not exist{nearest(name, known)}; there are {', '.join(sorted(known))}"
             raise EstimationError(message)
         section, _, leaf = name.rpartition(".")
         sections.setdefault(section, {})[leaf] = _convert(name, value, known[name][0])

@@ -11,14 +11,16 @@ from msls_ros.estimation.settings import loop_settings
 Engine = Regression | BankRegression
 
 
-def make_engine(c: Configuration) -> Engine:
+def make_engine(c: Configuration, straddle: int = 0) -> Engine:
     """Return the engine that a configuration asks for.
 
     Parameters
     ----------
     c
         All parameters.
+    straddle
+        Samples over which the inputs were smoothed; 0: they were not.
     """
     if c.estimator.method == "bank":
-        return BankRegression(bank_settings(c), len(c.rows))
+        return BankRegression(bank_settings(c, straddle), len(c.rows))
     return Regression(loop_settings(c), len(c.rows))

@@ -20,11 +20,12 @@ class EventKind(enum.IntEnum):
     DETECTED = 1
     ISOLATED = 2
     RECOVERED = 3
+    RESET = 4
 
 
 @dataclass(frozen=True)
 class FaultEvent:
-    """An abrupt change: found, attributed, or over."""
+    """An abrupt change: found, attributed, or over; or numbers that ended the estimate, which begins anew."""
 
     time: float
     """Of the sample at which it was found [s]."""
@@ -62,6 +63,16 @@ class Estimate:
     """(n, n) filled in from physics."""
     a_reliable: Flags
     b_reliable: Flags
+    a_best: Array
+    """(n, n) the best that was known of A, of the bank: it may not be excited now; NaN where nothing is kept."""
+    b_best: Array
+    """(n, m)"""
+    a_best_std: Array
+    """(n, n) their standard errors then."""
+    b_best_std: Array
+    a_best_time: Array
+    """(n, n) and when that was [s]."""
+    b_best_time: Array
     regressors: tuple[str, ...]
     excitation: Array
     """(p,) least over the groups of rows: share of the parameter that the data decide [1]."""

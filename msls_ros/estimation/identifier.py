@@ -19,7 +19,7 @@ from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
 from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
-from msls_ros.estimation.dither_law import Knowledge
+from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
@@ -28,6 +28,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
@@ -53,9 +54,12 @@ class Identifier:
     ----------
     configuration
         All parameters; see `Configuration`.
+    straddle
+        Samples over which the inputs were smoothed or differentiated before they came here: so many after a change are
+        of both sides of it, and the bank does not learn from them.
     """
 
-    def __init__(self, configuration: Configuration) -> None:
+    def __init__(self, configuration: Configuration, straddle: int = 0) -> None:
         """Allocate everything; see the class."""
         self.configuration = configuration
         c = configuration
@@ -66,7 +70,7 @@ class Identifier:
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
         self._supervisor = Supervisor(c)
-        self._regression = make_engine(c)
+        self._regression = make_engine(c, straddle)
         self._assembly = Assembly(c, self._regression)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
@@ -313,6 +317,8 @@ class Identifier:
             stop = done + 1 if self._supervisor.watching else count
             done = self._regression.advance_into(out, phi, y, done, stop)
             now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            if out.restart[done - 1] != SOUND:
+                self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
             if alarm.any():
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)
@@ -325,8 +331,9 @@ class Identifier:
     def _observe_states(self, time: Array, x: Array, xdot: Array) -> None:
         """See what of the states' motion their derivatives do not explain: noise and gusts."""
         if isinstance(self._regression, BankRegression):
-            observe_defect(self._defect, time, x, xdot, self._kept)
-            self._regression.noise[:] = 0.5 * self._defect.variance
+            noise = np.empty((len(time), len(self._kept)))
+            observe_defect(self._defect, time, x, xdot, self._kept, noise)
+            self._regression.observe(np.ascontiguousarray(time, np.float64), noise)
             return
         forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
         self._regression.air = observe_air(self._air, time, x, xdot, self._velocities, forgetting)
@@ -346,7 +353,7 @@ class Identifier:
     def estimate(self, time: float, x: Array) -> Estimate:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
         c = self.configuration
-        model = self._assembly.build(np.ascontiguousarray(x, np.float64))
+        model, best, forgetting = self._assembly.build(np.ascontiguousarray(x, np.float64))
         return Estimate(
             time=time,
             states=c.states,
@@ -359,10 +366,16 @@ class Identifier:
             a_known=self._assembly.a_known,
             a_reliable=model.a_reliable,
             b_reliable=model.b_reliable,
+            a_best=best.a_best,
+            b_best=best.b_best,
+            a_best_std=best.a_best_std,
+            b_best_std=best.b_best_std,
+            a_best_time=best.a_best_time,
+            b_best_time=best.b_best_time,
             regressors=self._regressors,
             excitation=model.excitation,
             residual_std=model.residual_std,
-            forgetting_factor=self._assembly.forgetting(),
+            forgetting_factor=forgetting,
             samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),

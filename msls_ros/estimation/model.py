@@ -16,6 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_rows import excitation_of
+from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
@@ -45,6 +48,29 @@ class Model(NamedTuple):
     """(n,) NaN where the equation is known."""
     excitation: Array
     """(p,) least over the rows."""
+
+
+class Best(NamedTuple):
+    """The best that was known of a model; NaN where nothing is kept. n states, m effectors."""
+
+    a_best: Array
+    b_best: Array
+    a_best_std: Array
+    b_best_std: Array
+    a_best_time: Array
+    b_best_time: Array
+    """[s]"""
+
+
+class BankScratch(NamedTuple):
+    """Scratch of `fill_bank_model`; m members."""
+
+    products: Array
+    """(m,)"""
+    bias: Array
+    """(p,)"""
+    errors: Array
+    """(p,)"""
 
 
 class Layout(NamedTuple):
@@ -93,7 +119,7 @@ def fill_model(
             rho = state.rho[state.group[q], i]
             out.excitation[i] = min(out.excitation[i], rho)
             allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
-            reliable = rho >= layout.excitation and errors[i] <= allowed and watched
+            reliable = rho >= layout.excitation and errors[i] <= allowed and watched and state.misfits[q] == 0
             if i < r:
                 column = layout.kept[i]
                 out.a[row, column] += theta
@@ -107,21 +133,83 @@ def fill_model(
                 out.bias[row] += theta
 
 
-def fill_bank_model(regression: BankRegression, layout: Layout, x: Array, out: Model) -> None:
-    """As `fill_model` for the bank: what is reliable is known well; ``out.excitation`` says what is excited now."""
-    r, last = len(layout.kept), regression.theta.shape[1] - 1
+@compiled
+def fill_bank_model(
+    s: BankSettings,
+    state: BankState,
+    layout: Layout,
+    x: Array,
+    noise: Array,
+    scratch: BankScratch,
+    out: Model,
+    best: Best,
+    forgetting: Array,
+) -> None:
+    """As `fill_model` for the bank: what is reliable is known well; ``out.excitation`` says what is excited now.
+
+    Parameters
+    ----------
+    s, state
+        Of the loop.
+    layout
+        Sizes and limits.
+    x
+        (n,) states at which the known terms are linearised.
+    noise
+        (r,) variance of the noise in the states.
+    scratch
+        See `BankScratch`.
+    out, best
+        Zero; NaN, true or infinite where it shall stay so.
+    forgetting
+        (n,) out, where an equation is identified.
+    """
+    r = layout.kept.shape[0]
+    errors = scratch.errors
+    last = errors.shape[0] - 1
     add_known(x, layout.known, out.a, out.bias)
-    allowed = np.maximum(layout.relative_error * np.abs(regression.theta), layout.tolerance)
-    for q, row in enumerate(layout.kept.tolist()):
-        theta = regression.theta[q]
-        errors, out.residual_std[row] = regression.uncertainty(q)
-        np.minimum(out.excitation, regression.excitation(q), out=out.excitation)
-        reliable = errors <= allowed[q]
-        out.a[row, layout.kept] += theta[:r]
-        out.a_std[row, layout.kept] = errors[:r]
-        out.a_reliable[row, layout.kept] = reliable[:r]
-        out.b[row], out.b_std[row], out.b_reliable[row] = theta[r:last], errors[r:last], reliable[r:last]
-        out.bias[row] += theta[last]
+    for q in range(r):
+        row = layout.kept[q]
+        out.residual_std[row] = bank_errors(s, state, q, noise, scratch.products, scratch.bias, errors)
+        forgetting[row] = mean_forgetting(s, state, q)
+        info = state.info[state.group[q]]
+        for i in range(last + 1):
+            j = (i + 1) % (last + 1)
+            theta = state.theta[q, i]
+            out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
+            reliable = (
+                errors[i] <= max(layout.relative_error * abs(theta), layout.tolerance[i]) and state.misfits[q] == 0
+            )
+            if i == last:
+                out.bias[row] += theta
+                continue
+            known = state.best_square[q, j] < math.inf
+            if i < r:
+                column = layout.kept[i]
+                out.a[row, column] += theta
+                out.a_std[row, column] = errors[i]
+                out.a_reliable[row, column] = reliable
+                if known:
+                    best.a_best[row, column] = state.best[q, j]
+                    best.a_best_std[row, column] = math.sqrt(state.best_square[q, j])
+                    best.a_best_time[row, column] = state.best_time[q, j]
+            else:
+                out.b[row, i - r] = theta
+                out.b_std[row, i - r] = errors[i]
+                out.b_reliable[row, i - r] = reliable
+                if known:
+                    best.b_best[row, i - r] = state.best[q, j]
+                    best.b_best_std[row, i - r] = math.sqrt(state.best_square[q, j])
+                    best.b_best_time[row, i - r] = state.best_time[q, j]
+
+
+@compiled
+def mean_forgetting(s: BankSettings, x: BankState, q: int) -> float:
+    """Return the forgetting factor of row q: the members' mean, by their shares [1]."""
+    total = 0.0
+    for m in range(s.forgetting.shape[0]):
+        total += x.weight[q, m] * s.forgetting[m]
+    return total
 
 
 class Assembly:
@@ -152,25 +240,23 @@ class Assembly:
         )
         colours = 1 if isinstance(regression, BankRegression) else len(regression.settings.colours)
         self._scratch = np.empty((2, colours)), np.empty(p)
+        members = len(regression.settings.forgetting) if isinstance(regression, BankRegression) else 0
+        self._products, self._vectors = np.empty(members), (np.empty(p), np.empty(p))
         self.a_known: Flags = find_known(c.states) if c.known_gravity else np.zeros((n, n), np.bool_)
         """(n, n) which entries of A come from physics; read-only."""
         self._forgetting = np.full(n, math.nan)
         if not isinstance(regression, BankRegression):
             self._forgetting[kept] = regression.settings.forgetting
-        for shared in (self.a_known, self._forgetting):
+        nothing = (np.full((n, columns), math.nan) for columns in (n, len(c.effectors)))
+        self._nothing = Best(*(tuple(nothing) * 3))
+        for shared in (self.a_known, self._forgetting, *self._nothing):
             shared.setflags(write=False)
 
-    def forgetting(self) -> Array:
-        """Return lambda per equation [1], (n,), NaN where the equation is known; read-only."""
-        if not isinstance(self._regression, BankRegression):
-            return self._forgetting
-        now = self._forgetting.copy()
-        for q, row in enumerate(self._layout.kept.tolist()):
-            now[row] = self._regression.forgetting(q)
-        return now
+    def build(self, x: Array) -> tuple[Model, Best, Array]:
+        """Return the model as it stands, its known part at ``x`` (n,); the best that was known; lambda per equation.
 
-    def build(self, x: Array) -> Model:
-        """Return the model as it stands, its known part at ``x`` (n,)."""
+        Lambda is (n,) [1], NaN where the equation is known. What the estimator does not have is read-only.
+        """
         n, m, p = self._shape
         model = Model(
             a=np.zeros((n, n)),
@@ -187,8 +273,11 @@ class Assembly:
         model.residual_std.fill(math.nan)
         model.excitation.fill(math.inf)
         r = self._regression
-        if isinstance(r, BankRegression):
-            fill_bank_model(r, self._layout, x, model)
-        else:
+        if not isinstance(r, BankRegression):
             fill_model(r.settings, r.state, self._layout, x, *self._scratch, model)
-        return model
+            return model, self._nothing, self._forgetting
+        best = Best(*(np.full((n, columns), math.nan) for _ in range(3) for columns in (n, m)))
+        forgetting = np.full(n, math.nan)
+        scratch = BankScratch(self._products, *self._vectors)
+        fill_bank_model(r.settings, r.state, self._layout, x, r.noise, scratch, model, best, forgetting)
+        return model, best, forgetting

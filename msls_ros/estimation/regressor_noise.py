@@ -71,7 +71,7 @@ def clear_defect(defect: Defect) -> None:
 
 
 @compiled
-def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers) -> None:
+def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array) -> None:
     """Take samples; ``defect.variance`` follows.
 
     Parameters
@@ -84,6 +84,8 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
         (n, states) [m/s, rad/s; per second].
     columns
         (v,) where the states stand.
+    noise
+        (n, v) out: variance of their noise after each sample.
     """
     size = defect.steps.shape[0]
     for k in range(time.shape[0]):
@@ -111,6 +113,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 defect.mean[j] += gain * (defect.total[j] - defect.mean[j])
                 deviation = defect.total[j] - defect.mean[j]
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
+            noise[k, j] = 0.5 * defect.variance[j]
             defect.last[0, j] = v
             defect.last[1, j] = a
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0

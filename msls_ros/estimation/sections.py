@@ -53,7 +53,7 @@ class EstimatorParameters:
     """The recursive estimator (eqs 6-14)."""
 
     method: str = parameter(
-        "msls",
+        "bank",
         "estimator: bank (of memories, nothing to tune), msls (the paper's) or rls (to compare)",
         choices=("bank", "msls", "rls"),
         in_flight=False,
@@ -64,31 +64,36 @@ class EstimatorParameters:
     held_memories: tuple[float, ...] = parameter(
         (5.0, 30.0), "bank: memories that forget with excitation", unit="s", low=1e-3, high=1e5, in_flight=False
     )
-    forgetting_factor: float = parameter(0.9, "lambda, per sample; R is scaled by its square root", low=0.01, high=1.0)
+    forgetting_factor: float = parameter(
+        0.9, "msls, rls: lambda, per sample; R is scaled by its square root", low=0.01, high=1.0
+    )
     time_constant: float = parameter(
         0.0,
-        "instead of forgetting_factor: lambda = exp(-1/(time_constant*sample_rate)); 0: not used",
+        "msls, rls: instead of forgetting_factor: lambda = exp(-1/(time_constant*sample_rate)); 0: not used",
         unit="s",
         low=0.0,
         high=1e6,
     )
-    penalty: float = parameter(1e-3, "w of W0 = w*scale: penalty on parameter change", low=0.0, high=1e3)
+    penalty: float = parameter(1e-3, "msls: w of W0 = w*scale: penalty on parameter change", low=0.0, high=1e3)
     penalty_constant: float = parameter(
-        0.0, "w of the constant term, smaller lets it forget faster than the rest; 0: as penalty", low=0.0, high=1e3
+        0.0,
+        "msls: w of the constant term, smaller lets it forget faster than the rest; 0: as penalty",
+        low=0.0,
+        high=1e3,
     )
     penalty_retained: bool = parameter(
-        True, "true: penalty rows stay in the factor (literal eq 14); false: applied at the solve only"
+        True, "msls: true: penalty rows stay in the factor (literal eq 14); false: applied at the solve only"
     )
     scale: str = parameter(
         "configured",
-        "scale of each regressor: configured (reference_speed for u, v, w; 1 for the rest) or auto (slow rms)",
+        "msls: scale of each regressor: configured (reference_speed for u, v, w; 1 for the rest) or auto (slow rms)",
         choices=("configured", "auto"),
     )
     penalty_factors: tuple[float, ...] = parameter(
-        (), "multiplies the penalty per regressor (states, effectors, 1); empty: all 1", low=0.0, high=1e6
+        (), "msls: multiplies the penalty per regressor (states, effectors, 1); empty: all 1", low=0.0, high=1e6
     )
     rms_memory: float = parameter(
-        500.0, "memory of the slow rms of regressors and outputs", unit="samples", low=1.0, high=1e9
+        500.0, "msls: memory of the slow rms of regressors and outputs", unit="samples", low=1.0, high=1e9
     )
 
 
@@ -98,25 +103,30 @@ class DetectorParameters:
 
     mode: str = parameter(
         "normalised",
-        "statistic: off; paper (|e|, eqs 18-19); normalised (|e|/sqrt(1+d)); ratio (mean of short over mean of window)",
+        "off; of msls the statistic: paper (|e|, eqs 18-19); normalised (|e|/sqrt(1+d)); ratio (mean of short over "
+        "mean of window)",
         choices=("off", "paper", "normalised", "ratio"),
         in_flight=False,
     )
     window: int = parameter(
-        10, "N: errors averaged as the nominal value", unit="samples", low=2, high=10000, in_flight=False
+        10, "msls: N: errors averaged as the nominal value", unit="samples", low=2, high=10000, in_flight=False
     )
-    short: int = parameter(5, "ratio mode: newest errors averaged", unit="samples", low=1, high=1000, in_flight=False)
+    short: int = parameter(
+        5, "msls: ratio mode: newest errors averaged", unit="samples", low=1, high=1000, in_flight=False
+    )
     threshold: float = parameter(
-        7.0, "T: per-unit increase (paper, normalised) or ratio (ratio) that alarms", low=0.1, high=1e6
+        7.0, "msls: T: per-unit increase (paper, normalised) or ratio (ratio) that alarms", low=0.1, high=1e6
     )
     hold_off: int = parameter(
-        20, "samples after an alarm or a start that the window does not see", unit="samples", low=0, high=100000
+        20, "msls: samples after an alarm or a start that the window does not see", unit="samples", low=0, high=100000
     )
     floor_absolute: tuple[float, ...] = parameter(
-        (), "smallest error worth an alarm, per equation; empty: 0", unit="state per second", low=0.0
+        (), "msls: smallest error worth an alarm, per equation; empty: 0", unit="state per second", low=0.0
     )
-    floor_relative: float = parameter(0.4, "the same as a share of the slow rms of the output", low=0.0, high=100.0)
-    floor_model: float = parameter(0.01, "the same as a share of sum |theta_i phi_i|", low=0.0, high=100.0)
+    floor_relative: float = parameter(
+        0.4, "msls: the same as a share of the slow rms of the output", low=0.0, high=100.0
+    )
+    floor_model: float = parameter(0.01, "msls: the same as a share of sum |theta_i phi_i|", low=0.0, high=100.0)
 
 
 @dataclass(frozen=True)
@@ -124,14 +134,14 @@ class RecoveryParameters:
     """What an alarm does to the equations concerned."""
 
     penalty_factor: float = parameter(
-        0.1, "multiplies W0 for 2p samples after an alarm, then ramps back", low=1e-6, high=1.0
+        0.1, "msls: multiplies W0 for 2p samples after an alarm, then ramps back", low=1e-6, high=1.0
     )
     forgetting_factor: float = parameter(
-        0.0, "lambda for 2p samples after an alarm; 0: unchanged (better)", low=0.0, high=1.0
+        0.0, "msls: lambda for 2p samples after an alarm; 0: unchanged (better)", low=0.0, high=1.0
     )
-    at_start: bool = parameter(True, "lower the penalty after the start too, while nothing is known")
+    at_start: bool = parameter(True, "msls: lower the penalty after the start too, while nothing is known")
     rejoin_tolerance: float = parameter(
-        1e-9, "forgotten share at which the equation rejoins the shared factor", low=1e-15, high=0.5
+        1e-9, "msls: forgotten share at which the equation rejoins the shared factor", low=1e-15, high=0.5
     )
 
 
@@ -148,6 +158,12 @@ class IsolationParameters:
         5, "samples, beyond one per regressor, before anything is said", unit="samples", low=1, high=10000
     )
     window: float = parameter(2.0, "time after the alarm in which it is tried", unit="s", low=0.0, high=3600.0)
+    surfaces: str = parameter(
+        "",
+        "bank: position of each surface as a sum of effectors, as 'left: de + ddt; right: de - ddt'; a change is named "
+        "by surface then; empty: by effector",
+        in_flight=False,
+    )
 
 
 @dataclass(frozen=True)
@@ -155,27 +171,31 @@ class ReliabilityParameters:
     """When a number is published as reliable."""
 
     excitation: float = parameter(
-        0.8, "least excitation rho: share of the parameter that the data decide", low=0.0, high=1.0
+        0.8, "msls: least excitation rho: share of the parameter that the data decide", low=0.0, high=1.0
     )
     relative_error: float = parameter(0.3, "largest standard error as a share of the estimate", low=0.0, high=100.0)
     tolerance: float = parameter(
         0.0, "standard error that is always good enough, output per scale of the regressor", low=0.0
     )
-    coloured: bool = parameter(True, "correct the error bars for the autocorrelation of the residuals", in_flight=False)
-    residual_memory: float = parameter(50.0, "memory of the residual variance", unit="samples", low=2.0, high=1e9)
-    colour_memory: float = parameter(500.0, "memory of the residual autocorrelation", unit="samples", low=2.0, high=1e9)
+    coloured: bool = parameter(
+        True, "msls: correct the error bars for the autocorrelation of the residuals", in_flight=False
+    )
+    residual_memory: float = parameter(50.0, "msls: memory of the residual variance", unit="samples", low=2.0, high=1e9)
+    colour_memory: float = parameter(
+        500.0, "msls: memory of the residual autocorrelation", unit="samples", low=2.0, high=1e9
+    )
     confounding_states: float = parameter(
         1.0,
-        "in gusts: largest correlation with a state of what the model does not know; 0: gusts are not considered",
+        "msls: in gusts: largest correlation with a state of what the model does not know; 0: gusts are not considered",
         low=0.0,
         high=1.0,
     )
     confounding_effectors: float = parameter(0.8, "the same with an effector", low=0.0, high=1.0)
     reference_memory: float = parameter(
-        6.0, "memory of the reference model that shows it, in memories of the estimator", low=1.0, high=1e6
+        6.0, "msls: memory of the reference model that shows it, in memories of the estimator", low=1.0, high=1e6
     )
     air_memory: float = parameter(
-        150.0, "memory of the share of the motion that is the air's", unit="samples", low=2.0, high=1e9
+        150.0, "msls: memory of the share of the motion that is the air's", unit="samples", low=2.0, high=1e9
     )
 
 

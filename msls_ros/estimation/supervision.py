@@ -6,12 +6,23 @@ import math
 
 import numpy as np
 
+from msls_ros.estimation.bank_isolation import Decision, find_name, row_evidence
 from msls_ros.estimation.bank_settings import THRESHOLD
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.soundness import MISFIT, NOT_FINITE
+from msls_ros.estimation.surfaces import read_surfaces
+
+_REASONS = {
+    NOT_FINITE: "with these samples and settings its numbers left the range of what can be computed",
+    MISFIT: "for long its predictions were absurd, more than ten times what was measured",
+}
+
+HELD = 3
+"""Samples, beyond one for two regressors, for which a name must stand before it is given."""
 
 
 class Supervisor:
@@ -34,12 +45,15 @@ class Supervisor:
         bank = configuration.estimator.method == "bank"
         self._offset = 0.0 if bank or configuration.detector.mode == "ratio" else 1.0
         self._threshold = THRESHOLD if bank else configuration.detector.threshold
+        self._bank = bank
+        self._surfaces = read_surfaces(configuration.isolation.surfaces, configuration.effectors)
 
     def reset(self) -> None:
         """Forget all alarms."""
         self.alarms = 0
         """Alarms since the reset."""
         self._isolating: dict[int, float] = {}
+        self._decision = Decision(HELD + len(self._c.regressors) // 2)
         self._recovering: set[int] = set()
 
     @property
@@ -73,12 +87,29 @@ class Supervisor:
         limits = (self._threshold,) * len(found)
         return FaultEvent(time, EventKind.DETECTED, names, values, limits, description=text)
 
+    def restart(self, time: float, why: int) -> FaultEvent:
+        """Return the event of an estimator that forgot everything; nothing is watched any more.
+
+        Parameters
+        ----------
+        time
+            Of the sample [s].
+        why
+            See `soundness`.
+        """
+        self._isolating.clear()
+        self._recovering.clear()
+        text = f"the estimate begins anew at {time:.3f} s: {_REASONS[why]}"
+        return FaultEvent(time, EventKind.RESET, tuple(self._c.rows), (), (), description=text)
+
     def follow(self, time: float, regression: Engine) -> list[FaultEvent]:
         """Return what the sample at ``time`` says of the alarms that are watched."""
         return [*self._isolate(time, regression), *self._recover(time, regression)]
 
     def _isolate(self, time: float, regression: Engine) -> list[FaultEvent]:
         """Name what changed, for every row for which it is clear by now; give up after the window."""
+        if self._bank:
+            return self._name(time, regression)
         found: dict[int, list[tuple[int, Suspect]]] = {}
         for q, since in sorted(self._isolating.items()):
             named = self._suspects(regression, q)
@@ -89,6 +120,29 @@ class Supervisor:
                 regression.settle(q)
         return [self._isolated(time, column, each) for column, each in sorted(found.items())]
 
+    def _name(self, time: float, regression: Engine) -> list[FaultEvent]:
+        """Name the surface that explains what changed in all rows, once that is decided; give up after the window."""
+        limits, p = self._c.isolation, regression.theta.shape[1]
+        ready = [q for q in sorted(self._isolating) if regression.age(q) >= p + limits.least_samples]
+        evidence = {q: row_evidence(regression.difference(q), self._surfaces, len(self._c.rows)) for q in ready}
+        found = {q: one for q, one in evidence.items() if one is not None}
+        name = self._decision.take(find_name(list(found.values()), self._surfaces, limits) if found else None)
+        for q, since in sorted(self._isolating.items()):
+            if (name is not None and q in found) or time - since > limits.window:
+                del self._isolating[q]
+                regression.settle(q)
+        if not self._isolating:
+            self._decision.clear()
+        if name is None:
+            return []
+        rows = tuple(self._c.rows[q] for q in found)
+        text = (
+            f"{name.surface} has {name.left:.2f} +- {name.error:.2f} of its effect on "
+            f"{', '.join(f'd{r}/dt' for r in rows)} since the alarm"
+        )
+        of = (name.statistic,), (limits.significance,)
+        return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
+
     def _suspects(self, regression: Engine, q: int) -> list[Suspect]:
         """Return the columns that changed in row q: effectors, or else states, within the limits."""
         limits, p = self._c.isolation, regression.theta.shape[1]
@@ -97,8 +151,7 @@ class Supervisor:
         d = regression.difference(q)
         first = len(self._c.rows)
         effectors, states = range(first, p - 1), range(first)
-        # Of the bank, effectors only: what it named of states (2 in 168 flights) had not changed.
-        for candidates in (effectors,) if self._c.estimator.method == "bank" else (effectors, states):
+        for candidates in (effectors, states):
             named = suspects(
                 d.before_covariance + d.since_covariance,
                 d.before,

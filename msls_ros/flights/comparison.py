@@ -26,7 +26,7 @@ class Comparison:
     truth: Array
     """(n,) the watched parameter."""
     estimates: Mapping[str, Array]
-    """(n,) of msls (as recorded), msls_no_detection, rls."""
+    """(n,) by method: first the one that flew, as recorded, then its `PEERS`."""
     std: Array
     """(n,) standard error of the recorded estimate."""
     reliable: NDArray[np.bool_]

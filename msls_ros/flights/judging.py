@@ -26,11 +26,14 @@ LATE = 2.0
 """Late errors count from here, after the end of its ramp [s]."""
 TICK = 1e-6
 """Stamps of one sample may differ by less [s]."""
-PEERS: Mapping[str, Mapping[str, Any]] = {
-    "msls_no_detection": {"detector.mode": "off"},
-    "rls": {"estimator.method": "rls"},
+PEERS: Mapping[str, Mapping[str, Mapping[str, Any]]] = {
+    "bank": {"msls": {"estimator.method": "msls"}, "rls": {"estimator.method": "rls"}},
+    "msls": {"msls_no_detection": {"detector.mode": "off"}, "rls": {"estimator.method": "rls"}},
+    "rls": {"msls": {"estimator.method": "msls"}},
 }
-"""Estimators that see the same samples, by what is other in their configuration."""
+"""Estimators that see the samples of the one that flew, by its method, and what is other in their configuration."""
+LABELS = {"bank": "bank", "msls": "MSLS", "msls_no_detection": "MSLS without detection", "rls": "RLS"}
+"""What people call them."""
 
 
 def belongs(time: float, span: Span) -> bool:

@@ -89,7 +89,7 @@ class Scenario:
     watch: Watch = ROLL_POWER
     """The parameter whose error is followed."""
     parameters: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    """What changes in the profile, by noise."""
+    """What changes in the profile, by noise; nothing in the scenarios that ship but the dither of flight tests."""
     aircraft: AircraftData = field(default_factory=lambda: find_aircraft(DEFAULT))
     """What flies."""
     manoeuvre_scale: float = 1.0
@@ -347,15 +347,23 @@ def _read_identifier(top: Section, airframe: Airframe) -> tuple[str, dict[str, d
         section.refuse(
             "profile", f"has {names}; expected those of the plant, {' '.join((*STATES, *airframe.effectors))}"
         )
-    parameters = {}
-    for level in section.section("parameters", NOISE_LEVELS, {}).values:
-        changes = section.section("parameters").section(level)
-        parameters[level] = _read_changes(changes, base)
-    return profile, parameters
+    given = section.section("parameters", (), {})
+    known = as_mapping(base)
+    heads = {*known, *(name.split(".")[0] for name in known), *NOISE_LEVELS}
+    for name in given.values:
+        if name not in heads:
+            expected = f"a parameter of the identifier, or a noise: {suggestion(name, heads)}"
+            given.refuse(name, f"is unknown; expected {expected}")
+    always = _read_changes(given, base, {})
+    return profile, {
+        level: _read_changes(given.section(level, (), {}), base, always) if level in given.values else always
+        for level in NOISE_LEVELS
+        if always or level in given.values
+    }
 
 
-def _read_changes(section: Section, base: Configuration) -> dict[str, Any]:
-    """Return parameters of the identifier by full name, each of which the profile takes."""
+def _read_changes(section: Section, base: Configuration, always: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters of the identifier by full name, that the profile takes; what goes with a noise comes last."""
     known = as_mapping(base)
     changes: dict[str, Any] = {}
     for name, value in _flat(section):
@@ -371,6 +379,7 @@ def _read_changes(section: Section, base: Configuration) -> dict[str, Any]:
             base.replace({name: value})
         except EstimationError as error:
             section.wrap(name, error)
+    changes = {**always, **changes}
     try:
         base.replace(changes)
     except EstimationError as error:
@@ -381,6 +390,8 @@ def _read_changes(section: Section, base: Configuration) -> dict[str, Any]:
 def _flat(section: Section) -> Iterator[tuple[str, Any]]:
     """Yield parameters by full name, whether written ``estimator.penalty`` or in a section ``estimator``."""
     for name, value in section.values.items():
+        if name in NOISE_LEVELS:
+            continue
         if isinstance(value, Mapping):
             inner = section.section(name)
             yield from ((f"{name}.{leaf}", one) for leaf, one in _flat(inner))

@@ -1,6 +1,6 @@
 """Parameter files: find a shipped profile or the user's own, read it into a configuration, write one as a manual.
 
-``python -m msls_ros.inputs.profiles`` writes the F-16 profiles again, after a parameter was added or described anew.
+``python -m msls_ros.inputs.profiles`` writes the shipped profiles again, after a parameter was added or described anew.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import yaml
 
 from msls_ros.estimation import Configuration, EstimationError, from_mapping
 from msls_ros.estimation.configuration import items
+from msls_ros.estimation.errors import nearest
 from msls_ros.estimation.sections import Bounds
 from msls_ros.inputs import InputMap
 
@@ -27,6 +28,10 @@ OTHER = (
     *("frame_id", "queue", "lockstep", "model_file", "warm_start", "qos_overrides"),
 )
 """Entries of a parameter file that are the node's, not of the `Configuration`."""
+
+
+RENAMED = {"f16_high_alpha": "f16", "f16_cruise": "f16", "A4_25hz": "A4", "c172x_25hz": "c172x"}
+"""Shipped profiles as they were called while each condition and rate had one of its own."""
 
 
 def config_folder() -> Path:
@@ -49,7 +54,7 @@ def read_profile(name: str | os.PathLike[str]) -> Configuration:
     Parameters
     ----------
     name
-        A shipped profile's name (``f16_high_alpha``) or the path of a YAML file of ROS parameters.
+        A shipped profile's name (``f16``) or the path of a YAML file of ROS parameters.
 
     Raises
     ------
@@ -96,6 +101,30 @@ def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
         raise EstimationError(message) from error
 
 
+def read_parameters(text: str, name: str) -> tuple[Configuration, InputMap | None]:
+    """Read the text of a parameter file: the identifier's parameters, and its section ``inputs``.
+
+    Parameters
+    ----------
+    text
+        YAML of ROS parameters.
+    name
+        For sentences.
+
+    Raises
+    ------
+    EstimationError
+        As `read_profile`.
+    """
+    section = _section_of(text, name)
+    try:
+        inputs = InputMap.from_parameters(section["inputs"]) if "inputs" in section else None
+        return from_mapping({k: v for k, v in section.items() if k not in OTHER}), inputs
+    except EstimationError as error:
+        message = f"{name}: {error}"
+        raise EstimationError(message) from error
+
+
 def profile_path(name: str | os.PathLike[str]) -> Path:
     """Return the path of a parameter file.
 
@@ -114,8 +143,10 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
         return path
     folder = config_folder()
     shipped = {p.stem: p for p in sorted([*folder.glob("*.yaml"), *folder.glob("inputs/*.yaml")])}
+    name = RENAMED.get(str(name), name)
     if str(name) not in shipped:
         message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
+        message += nearest(str(name), shipped)
         raise EstimationError(message)
     return shipped[str(name)]
 
@@ -123,20 +154,30 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
 def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
     """Find a parameter file and return the identifier's section of it."""
     path = profile_path(name)
+    name = f"parameter file '{path}'"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return path, _section_of(path.read_text(encoding="utf-8"), name)
     except OSError as error:
-        message = f"parameter file '{path}' cannot be read: {error.strerror}"
+        message = f"{name} cannot be read: {error.strerror}"
         raise EstimationError(message) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
+    except UnicodeDecodeError as error:
+        message = f"{name} is not YAML: {' '.join(str(error).split())}"
+        raise EstimationError(message) from error
+
+
+def _section_of(text: str, name: str) -> Mapping[str, Any]:
+    """Return the identifier's section of a parameter file's text."""
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        message = f"{name} is not YAML: {' '.join(str(error).split())}"
         raise EstimationError(message) from error
     if isinstance(content, Mapping):
         sections = dict(_sections(content))
         for node in ("identifier", "/identifier", "/**"):
             if node in sections:
-                return path, sections[node]
-    message = f"parameter file '{path}': has no section '/**: ros__parameters:' or 'identifier: ros__parameters:'"
+                return sections[node]
+    message = f"{name}: has no section '/**: ros__parameters:' or 'identifier: ros__parameters:'"
     raise EstimationError(message)
 
 
@@ -210,7 +251,8 @@ def _yaml(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_yaml(v) for v in value) + "]"
     if isinstance(value, str):
-        return value if value not in ("1", "off", "on", "yes", "no") else f'"{value}"'
+        plain = value and value not in ("1", "off", "on", "yes", "no") and ":" not in value
+        return value if plain else f'"{value}"'
     if isinstance(value, float):
         text = repr(value)
         return text.replace("e", ".0e") if "e" in text and "." not in text else text

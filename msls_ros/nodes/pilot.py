@@ -17,7 +17,7 @@ from msls_ros.flights.steering import PHI, Stick
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.plant import chosen_condition
-from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.quality import INPUT, OUTPUT, listen, publish
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import STATES, RollDoublet, make_pilot, parse_manoeuvre
 
@@ -77,8 +77,8 @@ class PilotNode(Node):
         self._answered = 0
         self._asks = p["ask"]
         kind, topic = (PilotCommand, "pilot_command") if self._asks else (EffectorCommand, "command")
-        self.command_publisher = self.create_publisher(kind, topic, OUTPUT)
-        self.create_subscription(StateSample, "state", self._on_state, INPUT)
+        self.command_publisher = publish(self, kind, topic, OUTPUT)
+        listen(self, StateSample, "state", INPUT, self._on_state, self._refusals.take)
         self._diagnostics = Diagnostics(self, self._health, self.refused)
 
     @property

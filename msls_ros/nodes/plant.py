@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter, deque
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,7 +22,7 @@ from msls_ros.flights.aircraft_files import DEFAULT, find_aircraft
 from msls_ros.flights.scenario_yaml import ScenarioError
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
-from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.quality import INPUT, OUTPUT, listen, publish
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import (
     NOISE_LEVELS,
@@ -134,13 +135,13 @@ class PlantNode(Node):
 
     def _make_topics(self) -> None:
         p = self._p
-        self.state_publisher = self.create_publisher(StateSample, "state", OUTPUT)
-        self.effector_publisher = self.create_publisher(EffectorSample, "effectors", OUTPUT)
-        self.truth_state_publisher = self.create_publisher(StateSample, "truth/state", OUTPUT)
-        self.truth_model_publisher = self.create_publisher(LinearModel, "truth/model", OUTPUT)
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", OUTPUT) if p["publish_clock"] else None
-        self.create_subscription(EffectorCommand, "command", lambda m: self._on_answer("command", m), INPUT)
-        self.create_subscription(DitherCommand, "dither", lambda m: self._on_answer("dither", m), INPUT)
+        self.state_publisher = publish(self, StateSample, "state", OUTPUT)
+        self.effector_publisher = publish(self, EffectorSample, "effectors", OUTPUT)
+        self.truth_state_publisher = publish(self, StateSample, "truth/state", OUTPUT)
+        self.truth_model_publisher = publish(self, LinearModel, "truth/model", OUTPUT)
+        self._clock_publisher = publish(self, ClockMessage, "/clock", OUTPUT) if p["publish_clock"] else None
+        for kind, topic in ((EffectorCommand, "command"), (DitherCommand, "dither")):
+            listen(self, kind, topic, INPUT, partial(self._on_answer, topic), self._refusals.take)
         self.create_service(InjectFault, "~/inject_fault", self._on_inject_fault)
         self.create_service(Trigger, "~/reset", self._on_reset)
 

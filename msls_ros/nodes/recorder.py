@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
+from copy import copy
 from functools import partial
 from typing import Any
 
@@ -25,6 +26,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from msls_ros.bags import BagWriter
 from msls_ros.inputs import Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.quality import overriding
 from msls_ros.nodes.refusals import Refusals
 
 TOPICS: dict[str, Any] = {
@@ -82,7 +84,14 @@ class RecorderNode(Node):
             kind = TOPICS[topic]
             msgtype = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
             self._writer.add_topic(resolved, msgtype)
-            self.create_subscription(kind, topic, partial(self._write, topic, resolved, msgtype), QUALITY, raw=True)
+            self.create_subscription(
+                kind,
+                topic,
+                partial(self._write, topic, resolved, msgtype),
+                copy(QUALITY),
+                raw=True,
+                qos_overriding_options=overriding(),
+            )
         self.create_timer(0.5, self._writer.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _write(self, topic: str, resolved: str, msgtype: str, data: bytes) -> None:

@@ -40,8 +40,9 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch, airfram
     models = flight.topic("model")
     dither = [m for _, m in flight.topic("dither")]
     truth_a, truth_b = _hold_truth(flight, samples.time)
-    estimates = {"msls": _published(models, watch)}
-    for name, changes in PEERS.items():
+    method = configuration.estimator.method
+    estimates = {method: _published(models, watch)}
+    for name, changes in PEERS[method].items():
         peer = identify(samples, configuration.replace(changes))
         estimates[name] = np.array([watch.of(e.a, e.b) for e in peer])
     x = np.array([m.x for _, m in flight.topic("truth/state")])
@@ -63,7 +64,7 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch, airfram
         realised=realised_acceleration(samples.time, commands, truth_b, airframe),
         boosted=np.array([m.level == m.LEVEL_BOOSTED for m in dither]),
         events=[
-            (t * 1e-9, ("", "detected", "isolated", "recovered")[m.kind], tuple(m.equations))
+            (t * 1e-9, ("", "detected", "isolated", "recovered", "reset")[m.kind], tuple(m.equations))
             for t, m in flight.topic("fault")
         ],
     )

@@ -36,6 +36,8 @@ class Row:
     msls: Spread
     msls_no_detection: Spread | None = None
     rls: Spread | None = None
+    bank: Spread | None = None
+    """Beside the paper's estimators: what flies unless another is asked for."""
     better: str | None = None
     """``msls`` or ``rls``, by the medians."""
 
@@ -47,6 +49,7 @@ def _row(
     msls: Iterable[float],
     rls: Iterable[float],
     without: Iterable[float] | None = None,
+    bank: Iterable[float] | None = None,
     *,
     larger: bool = False,
 ) -> Row:
@@ -56,7 +59,8 @@ def _row(
     ahead = ours.median > theirs.median if larger else ours.median < theirs.median
     better = None if ours.median == theirs.median else "msls" if ahead else "rls"
     plain = None if without is None else spread(without)
-    return Row(condition, quantity, unit, len(values), ours, plain, theirs, better)
+    beside = None if bank is None else spread(bank)
+    return Row(condition, quantity, unit, len(values), ours, plain, theirs, beside, better)
 
 
 def rows_of(flights: Flights) -> list[Row]:
@@ -91,10 +95,10 @@ def _loss_rows(condition: str, losses: list[Loss]) -> list[Row]:
         Row(condition, "called reliable before the loss", "% of time", count, reliable),
     ]
     for key, words, unit, factor in QUANTITIES:
-        msls, without, rls = (
-            [factor * one.error(name, key) for one in losses] for name in ("msls", "msls_no_detection", "rls")
+        msls, without, rls, bank = (
+            [factor * one.error(name, key) for one in losses] for name in ("msls", "msls_no_detection", "rls", "bank")
         )
-        rows.append(_row(condition, words, unit, msls, rls, without))
+        rows.append(_row(condition, words, unit, msls, rls, without, bank))
     return rows
 
 
@@ -298,7 +302,7 @@ def render_rows(rows: list[Row]) -> str:
         lines.append(f"{condition} ({found[0].flights} flight{'s' if found[0].flights > 1 else ''})")
         for one in found:
             label = f"{one.quantity} [{one.unit}]"
-            cells = [f" {value or ''!s:>25}" for value in (one.msls, one.msls_no_detection, one.rls)]
-            lines.append(f"  {label:48}{''.join(cells)}  {(one.better or '').upper()}".rstrip())
-    head = "".join(f" {name:>25}" for name in ("MSLS", "without detection", "RLS"))
-    return "\n".join([f"{'median (range)':50}{head}  better", *lines])
+            cells = [f" {value or ''!s:>20}" for value in (one.msls, one.msls_no_detection, one.rls, one.bank)]
+            lines.append(f"  {label:42}{''.join(cells)}  {(one.better or '').upper()}".rstrip())
+    head = "".join(f" {name:>20}" for name in ("MSLS", "without detection", "RLS", "bank"))
+    return "\n".join([f"{'median (range)':44}{head}  better", *lines])

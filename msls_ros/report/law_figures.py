@@ -10,7 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from msls_ros.report.style import BLUE, CYCLE, DPI, INK, MUTED, ORANGE, Array, house_style
+from msls_ros.report.figure_style import BLUE, CYCLE, DPI, INK, MUTED, ORANGE, house_style
+from msls_ros.report.recorded import Array
 
 LAW_COLOURS = {"fixed": ORANGE, "indi": BLUE, "lq": "#009E73", "hold": "#9aa5b1"}
 ROWS = ("roll rate\n[deg/s]", "angle of attack\n[deg]", "sideslip\n[deg]", "surfaces\n[% of the travel]")

@@ -23,13 +23,13 @@ noise: none
 faults:
   - {effector: left_stabilator, time: 1.5, effectiveness: 0.0}
 identifier:
-  profile: f16_high_alpha
-  parameters: {none: {estimator.penalty: 3.0e-4}}
+  profile: f16
+  parameters: {estimator.method: msls, none: {estimator.penalty: 3.0e-4}}
 """
 
 
 def write(folder: Path, name: str = "short", **changes: str) -> Path:
-    """Write the short scenario, some of its keys changed."""
+    """Write the short scenario, flown with MSLS, some of its keys changed."""
     lines = [line for line in SHORT.splitlines() if line.split(":")[0] not in changes]
     path = folder / f"{name}.yaml"
     path.write_text("\n".join([*lines, *(f"{key}: {value}" for key, value in changes.items())]) + "\n")

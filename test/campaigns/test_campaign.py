@@ -57,9 +57,13 @@ def test_a_campaign_tells_each_flight_in_csv_and_all_in_one_json_value(
 def test_what_is_told_of_a_flight_is_what_the_demo_would_tell(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    from msls_ros.paper.flight_experiments import fly_loss
+    from msls_ros.inputs.profiles import config_folder
+    from msls_ros.paper.flight_experiments import MSLS_BY_NOISE, fly_loss
 
-    run(capsys, "roll_doublet_tail_fault", "--seeds", 1, "--noise", "low", "--out", tmp_path)
+    paper = (config_folder() / "scenarios" / "roll_doublet_tail_fault.yaml").read_text()
+    settings = {**MSLS_BY_NOISE["low"], "estimator.method": "msls"}
+    (tmp_path / "paper.yaml").write_text(paper.replace("parameters: {}", f"parameters: {json.dumps(settings)}"))
+    run(capsys, tmp_path / "paper.yaml", "--seeds", 1, "--noise", "low", "--out", tmp_path)
     flight, loss = json.loads(kept(tmp_path)[0]), fly_loss("low", 0)
     for name in ("msls", "msls_no_detection", "rls"):
         for quantity in ("settle_s", "rms_before", "rms_after", "peak_error"):
@@ -311,7 +315,7 @@ def test_the_estimate_follows_a_slow_loss(tmp_path: Path, capsys: pytest.Capture
     assert len(flights) == 5
     for flight in flights:
         assert flight["truth_end"] == pytest.approx(0.5 * flight["truth_before"], rel=0.05)
-        assert 0.0 < flight["msls"]["late_error_now"] < 0.15, flight["seed"]
+        assert 0.0 < flight["bank"]["late_error_now"] < 0.15, flight["seed"]
 
 
 def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() -> None:
@@ -331,7 +335,7 @@ def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() 
             "reliable_share_before": 0.5,
             "dither_predicted_g_max": 0.012,
             "finite": True,
-            **{name: {**estimator, "finite": True} for name in ("msls", "msls_no_detection", "rls")},
+            **{name: {**estimator, "finite": True} for name in ("bank", "msls", "rls")},
         }
         return {**made, **changes}
 

@@ -52,7 +52,7 @@ def test_several_bags_or_a_glob_end_with_a_table(tmp_path: Path, capsys: pytest.
 def test_bags_of_one_name_do_not_overwrite_each_other(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for flight in ("one", "two"):
         write(tmp_path / flight / "bag", inputs(BAGS / "tail_fault")[:40])
-    code, _, _ = run(capsys, tmp_path / "*" / "bag", "--out", tmp_path / "out", "--params", "f16_high_alpha")
+    code, _, _ = run(capsys, tmp_path / "*" / "bag", "--out", tmp_path / "out", "--params", "f16")
     assert code == 0
     assert sorted(folder.name for folder in (tmp_path / "out").iterdir()) == ["one_bag", "two_bag"]
 
@@ -61,7 +61,7 @@ def test_an_output_that_exists_is_replaced_only_when_asked_and_never_the_input(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     bag = write(tmp_path / "bag", inputs(BAGS / "tail_fault")[:40])
-    keep_parameters(bag, read_profile("f16_high_alpha"))
+    keep_parameters(bag, read_profile("f16"))
     assert run(capsys, bag, "--out", tmp_path / "out")[0] == 0
     code, _, err = run(capsys, bag, "--out", tmp_path / "out")
     assert code == 2 and len(err) == 1 and "exists already" in err[0]
@@ -150,7 +150,7 @@ def test_a_bag_without_the_inputs_is_one_clear_line_and_exit_code_2(
 ) -> None:
     change, expected = WRONG[what]
     bag = write(tmp_path / "bag", change(inputs(BAGS / "tail_fault")[:80]))
-    code, _, err = run(capsys, bag, "--params", "f16_high_alpha", "--out", tmp_path / "out")
+    code, _, err = run(capsys, bag, "--params", "f16", "--out", tmp_path / "out")
     assert code == 2 and len(err) == 1
     assert all(words in err[0] for words in [str(bag), *expected]), err
 
@@ -173,7 +173,7 @@ def test_a_topic_without_a_definition_is_left_out_of_the_merge_and_named(
     strange = BagMessage("/odd", "stranger_msgs/msg/Odd", messages[0].stamp_ns, b"\0\1\0\0\5\0\0\0")
     bag = tmp_path / "old.db3"
     write_old_database(bag, [strange, *messages])
-    arguments = (bag, "--params", "f16_high_alpha", "--merge", "--overwrite", "--out", tmp_path / "out")
+    arguments = (bag, "--params", "f16", "--merge", "--overwrite", "--out", tmp_path / "out")
     code, _, err = run(capsys, *arguments)
     assert code == 0 and len(err) == 1
     assert "stranger_msgs/msg/Odd: no message definition found" in err[0] and "--definitions" in err[0]

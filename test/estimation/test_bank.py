@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -192,3 +193,102 @@ def test_long_unexcited_flight_stays_finite() -> None:
     bank.advance(phi, np.zeros((len(phi), 1)))
     assert np.isfinite(bank.theta).all()
     assert not np.isnan(bank.standard_errors(0)).any()
+
+
+def quiet_then_input(noise: float = 1e-3) -> tuple[Array, Array, Array, Array]:
+    """Return 12 s of noise about nothing, and then for the first time an input of the first effector."""
+    n, start = 750, 600
+    x, delta = 0.002 * uniform(n, 3, 11), 2e-4 * uniform(n, 2, 12)
+    delta[start : start + 40, 0] += 0.1
+    delta[start + 40 : start + 80, 0] -= 0.1
+    xdot = noise * uniform(n, 3, 13)
+    late = np.concatenate([delta[:1, 0], delta[:-1, 0]])  # half of the effect comes a sample late
+    xdot[:, 0] += -2.0 * x[:, 0] + 4.0 * delta[:, 0] + 4.0 * late
+    xdot[:, 1] += -1.0 * x[:, 1] - 4.0 * delta[:, 1]
+    xdot[:, 2] += -0.5 * x[:, 2]
+    return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
+
+
+def count_alarms(identifier: Identifier) -> int:
+    estimates = identifier.run(*quiet_then_input()).estimates
+    return sum(event.kind == EventKind.DETECTED for estimate in estimates for event in estimate.events)
+
+
+def test_an_effector_that_moves_for_the_first_time_is_learnt_and_not_alarmed() -> None:
+    identifier, hasty = Identifier(from_mapping(SMALL)), Identifier(from_mapping(SMALL))
+    hasty._regression.settings = hasty._regression.settings._replace(learning=0)  # type: ignore[call-arg]
+    assert count_alarms(identifier) == 0
+    assert count_alarms(hasty) > 0
+
+
+def test_the_best_that_was_known_is_kept_with_its_time_and_the_bars_stay_what_they_were() -> None:
+    n, quiet = 1500, 300
+    x, delta = 0.25 * uniform(n, 3, 14), 0.125 * uniform(n, 2, 15)
+    x[quiet:], delta[quiet:] = 1e-3 * x[quiet:], 1e-3 * delta[quiet:]
+    xdot = 0.01 * uniform(n, 3, 16) + delta @ np.array([[8.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
+    estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates
+    then, now = estimates[quiet - 1], estimates[-1]
+    assert now.b_best[0, 0] == pytest.approx(8.0, rel=0.02)
+    assert 1.0 < now.b_best_time[0, 0] <= PERIOD * quiet + 0.5
+    assert now.b_best_std[0, 0] <= then.b_std[0, 0] * 1.01
+    assert now.b_std[0, 0] <= 2.0 * then.b_std[0, 0]
+    assert now.b_reliable[0, 0] and now.excitation[3] < 0.5
+    assert np.isnan(estimates[2].b_best).all()
+
+
+def test_samples_whose_window_straddles_a_change_do_not_enter_the_restarted_rows() -> None:
+    straddle = 4
+    identifier = Identifier(from_mapping(SMALL), straddle)
+    ages = []
+    for sample in zip(*flight(), strict=True):
+        events = identifier.update(*sample).events
+        ages.append(identifier._regression.age(0))
+        if ages and any(e.kind == EventKind.DETECTED for e in events):
+            break
+    struck = round(float(sample[0]) / PERIOD)
+    for more in zip(*(array[struck + 1 : struck + 7] for array in flight()), strict=True):
+        identifier.update(*more)
+        ages.append(identifier._regression.age(0))
+    assert ages[-7:] == [0, 0, 0, 0, 1, 2, 3]
+
+
+TWO = {**SMALL, "effectors": ("de", "dt"), "isolation.surfaces": "left: de + dt; right: de - dt"}
+
+
+def lose(left: float) -> list[tuple[str, float]]:
+    """Return the names given where a share of the left of two surfaces is left."""
+    n, fault = 300, 150
+    x, delta = 0.25 * uniform(n, 3, 1), 0.125 * uniform(n, 2, 2)
+    surfaces = delta @ np.array([[1.0, 1.0], [1.0, -1.0]])
+    effect = np.array([[4.0, 3.0, 0.5], [-4.0, 3.0, -0.5]])
+    broken = surfaces * np.where(np.arange(n)[:, None] < fault, 1.0, [left, 1.0])
+    xdot = 0.0078125 * uniform(n, 3, 3) + broken @ effect - x
+    estimates = Identifier(from_mapping(TWO)).run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates
+    events = [event for estimate in estimates for event in estimate.events]
+    return [(e.suspected_effector, e.effectiveness) for e in events if e.kind == EventKind.ISOLATED]
+
+
+@pytest.mark.parametrize("left", [0.0, 0.5])
+def test_a_surface_is_named_where_the_profile_tells_which_effectors_it_makes(left: float) -> None:
+    (named, *again) = lose(left)
+    assert again == []
+    assert named[0] == "left"
+    assert named[1] == pytest.approx(left, abs=0.03)
+
+
+def test_what_has_practically_not_changed_is_not_named() -> None:
+    assert lose(0.95) == []
+
+
+@pytest.mark.parametrize(
+    ("text", "sentence"),
+    [
+        ("left: de + da", "a sum of de, dt"),
+        ("left de + dt", "expected a surface and its effectors"),
+        ("left: de + dt; right: 2*de + 2*dt", "each moved in a way of its own"),
+        ("left: de dt", "a sum of de, dt"),
+    ],
+)
+def test_surfaces_that_are_none_are_refused_with_a_sentence(text: str, sentence: str) -> None:
+    with pytest.raises(EstimationError, match=re.escape(sentence)):
+        from_mapping({**TWO, "isolation.surfaces": text})

@@ -45,7 +45,7 @@ def test_the_bits_are_the_pinned_ones(name: str) -> None:
         x, xdot = np.cumsum(x, axis=0) / 4.0, np.cumsum(xdot, axis=0)
     xdot[150:] += 0.5 * x[150:, ::-1]
     digest, dither = hashlib.sha256(), hashlib.sha256()
-    identifier = Identifier(from_mapping(CHANGES[name]))
+    identifier = Identifier(from_mapping({"estimator.method": "msls", **CHANGES[name]}))
     m = len(identifier.configuration.states)
     for estimate in identifier.run(np.arange(n) / 64.0, x[:, :m], xdot[:, :m], delta).estimates:
         fields = (estimate.a, estimate.b, estimate.bias, estimate.a_std, estimate.b_std, estimate.excitation)

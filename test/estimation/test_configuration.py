@@ -69,7 +69,7 @@ def test_what_may_change_in_flight_changes_and_the_rest_is_refused() -> None:
     assert identifier.configuration.forgetting == 0.95
     with pytest.raises(EstimationError, match="cannot change while the estimator runs"):
         identifier.configure({"estimator.method": "rls"})
-    assert as_mapping(identifier.configuration)["estimator.method"] == "msls"
+    assert as_mapping(identifier.configuration)["estimator.method"] == "bank"
 
 
 @pytest.mark.parametrize(

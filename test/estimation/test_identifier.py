@@ -15,7 +15,8 @@ BIAS = np.array([0.1, -0.2])
 
 
 def configuration(**changes: object) -> Configuration:
-    return from_mapping({"states": list(STATES), "effectors": list(EFFECTORS), "detector.mode": "off", **changes})
+    named = {"states": list(STATES), "effectors": list(EFFECTORS)}
+    return from_mapping({**named, "estimator.method": "msls", "detector.mode": "off", **changes})
 
 
 def samples(n: int, seed: int = 0, noise: float = 0.01) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -123,7 +124,10 @@ def test_the_gate_and_the_identifier_start_anew_together() -> None:
         gate.add_state(round(time[59] * 1e9), STATES, x[0], xdot[0])
 
 
-@pytest.mark.parametrize("changes", [{}, {"detector.mode": "normalised"}, {"estimator.method": "rls"}])
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"detector.mode": "normalised"}, {"estimator.method": "rls"}, {"estimator.method": "bank"}],
+)
 def test_a_followed_parameter_has_the_bits_that_the_models_have(changes: dict[str, object]) -> None:
     time, x, xdot, delta = samples(400)
     xdot[200:] += x[200:] @ np.array([[3.0, 0.0], [0.0, 0.0]])

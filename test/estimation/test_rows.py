@@ -21,6 +21,7 @@ from msls_ros.estimation.kinematics import FLIGHT_STATES, GRAVITY, add_known, fi
 from msls_ros.estimation.uncertainty import row_uncertainty
 
 SMALL: dict[str, Any] = {
+    "estimator.method": "msls",
     "states": ("P", "Q", "R"),
     "effectors": ("da", "de"),
     "known_gravity": False,

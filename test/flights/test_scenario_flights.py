@@ -43,7 +43,7 @@ GUSTY = Scenario(
     "high_alpha",
     "strong",
     3.0,
-    "f16_high_alpha",
+    "f16",
     "low",
     "moderate",
     Rates(flight_dynamics=200, sensors=40, truth=10),
@@ -125,8 +125,8 @@ faults:
   - {effector: left_stabilator, time: 4.0, effectiveness: 0.0, stuck: true}
 watch: R/dtr
 identifier:
-  profile: f16_high_alpha
-  parameters: {none: {estimator.penalty: 3.0e-4}}
+  profile: f16
+  parameters: {estimator.method: msls, none: {estimator.penalty: 3.0e-4}}
 """
 
 

@@ -6,7 +6,6 @@ import dataclasses
 import pickle
 import shutil
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -31,17 +30,6 @@ from msls_ros.inputs.profiles import config_folder, profile_path, read_profile
 from msls_ros.plant import NOISE_LEVELS, Fault, PlantError
 
 FOLDER = config_folder() / "scenarios"
-FORMER: dict[str, dict[str, Any]] = {
-    "none": {"estimator.penalty": 3e-4},
-    "low": {"estimator.forgetting_factor": 0.96, "estimator.penalty": 9e-4, "recovery.penalty_factor": 0.3},
-    "med": {
-        "estimator.penalty": 1e-2,
-        "detector.mode": "ratio",
-        "detector.window": 50,
-        "detector.threshold": 3.5,
-    },
-}
-"""What the recorded flights were flown with."""
 PAPER = ("roll_doublet_tail_fault", "roll_doublet")
 LOSS = Fault("left_stabilator", 4.0, 0.0)
 GOOD = """\
@@ -53,7 +41,7 @@ faults:
   - {effector: left_stabilator, time: 4.0, effectiveness: 0.0}
   - {effector: rudder, time: 5, effectiveness: 0.5, ramp: 2.0}
 identifier:
-  profile: f16_high_alpha
+  profile: f16
 """
 
 
@@ -84,9 +72,9 @@ def test_the_paper_s_scenarios_come_first() -> None:
 @pytest.mark.parametrize(
     ("name", "condition", "profile", "faults"),
     [
-        ("roll_doublet_tail_fault", "high_alpha", "f16_high_alpha", (LOSS,)),
-        ("roll_doublet", "high_alpha", "f16_high_alpha", ()),
-        ("cruise_tail_fault", "cruise", "f16_cruise", (LOSS,)),
+        ("roll_doublet_tail_fault", "high_alpha", "f16", (LOSS,)),
+        ("roll_doublet", "high_alpha", "f16", ()),
+        ("cruise_tail_fault", "cruise", "f16", (LOSS,)),
     ],
 )
 def test_the_recorded_flights_are_flown_as_before(
@@ -94,10 +82,25 @@ def test_the_recorded_flights_are_flown_as_before(
 ) -> None:
     found = find_scenario(name)
     expected = Scenario(name, found.description, condition, "roll_doublet", 12.0, profile, faults=faults)
-    assert found == dataclasses.replace(expected, parameters=FORMER)
-    for noise, changes in FORMER.items():
-        before = read_profile(profile).replace({**changes, "dither.seed": 3, "dither.enabled": True})
-        assert found.configuration(noise, 3, dither=True) == before
+    assert found == expected
+    for noise in ("none", "low", "med"):
+        assert found.configuration(noise, 3, dither=True) == read_profile(profile).replace({"dither.seed": 3})
+
+
+def test_no_scenario_that_ships_sets_anything_but_dither_and_nothing_by_noise() -> None:
+    for scenario in shipped().values():
+        assert read_profile(scenario.profile).estimator.method == "bank"
+        settings = [scenario.parameters.get(noise, {}) for noise in ("none", "low", "med")]
+        assert settings[0] == settings[1] == settings[2]
+        assert all(name.startswith("dither.") for name in settings[0])
+
+
+def test_what_stands_beside_a_noise_holds_at_every_noise_and_what_stands_below_it_goes_first(tmp_path: Path) -> None:
+    parameters = "{estimator.method: msls, estimator: {penalty: 0.25}, low: {estimator.penalty: 0.5}}"
+    scenario = find_scenario(str(write(tmp_path, GOOD + f"  parameters: {parameters}\n")))
+    for noise, penalty in (("none", 0.25), ("low", 0.5), ("med", 0.25)):
+        estimator = scenario.configuration(noise, 0, True).estimator
+        assert (estimator.method, estimator.penalty) == ("msls", penalty)
 
 
 def test_the_manual_has_every_key() -> None:
@@ -113,14 +116,14 @@ def test_an_own_file_with_a_profile_beside_it_is_read_from_anywhere(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "own" / "profiles").mkdir(parents=True)
-    shutil.copy(profile_path("f16_cruise"), tmp_path / "own" / "profiles" / "fast.yaml")
-    text = GOOD.replace("profile: f16_high_alpha", "profile: profiles/fast.yaml")
+    shutil.copy(profile_path("f16"), tmp_path / "own" / "profiles" / "fast.yaml")
+    text = GOOD.replace("profile: f16", "profile: profiles/fast.yaml")
     file = write(tmp_path / "own", text + "  parameters: {low: {estimator: {penalty: 0.5}}}\n")
     monkeypatch.chdir(tmp_path)
     scenario = find_scenario("own/mine.yaml")
     monkeypatch.chdir(file.parent)
     assert (scenario.name, scenario.description, scenario.watch) == ("mine", "a flight", Watch("P", "ddt"))
-    assert scenario.configuration("med", 0, True).reference_speed == read_profile("f16_cruise").reference_speed
+    assert scenario.configuration("med", 0, True).reference_speed == read_profile("f16").reference_speed
     assert scenario.configuration("low", 0, True).estimator.penalty == 0.5
     assert scenario.faults == (LOSS, Fault("rudder", 5.0, 0.5, 2.0))
     assert scenario.fault_spans == ((4.0, 4.0), (5.0, 7.0))
@@ -161,13 +164,13 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
     ),
     "a fault that no sample feels": ("time: 5,", "time: 11.99,", ("faults[1].time is 11.99 s", "11.96 s or less")),
     "a parameter in two spellings": (
-        "  profile: f16_high_alpha\n",
-        "  profile: f16_high_alpha\n  parameters: {low: {estimator: {penalty: 1.0e-3}, estimator.penalty: 2.0e-3}}\n",
+        "  profile: f16\n",
+        "  profile: f16\n  parameters: {low: {estimator: {penalty: 1.0e-3}, estimator.penalty: 2.0e-3}}\n",
         ("identifier.parameters.low.estimator.penalty stands there twice", "expected once"),
     ),
     "the plant's states as a parameter": (
-        "  profile: f16_high_alpha\n",
-        "  profile: f16_high_alpha\n  parameters: {low: {states: [P]}}\n",
+        "  profile: f16\n",
+        "  profile: f16\n  parameters: {low: {states: [P]}}\n",
         ("identifier.parameters.low.states is", "the plant gives it"),
     ),
     "what YAML itself cannot make": ("12.0", "!!timestamp 99", ("is not YAML",)),
@@ -233,32 +236,32 @@ WRONG: dict[str, tuple[str, str, tuple[str, ...]]] = {
         ("watch is 'P/flap'", "ROW/COLUMN such as P/ddt"),
     ),
     "an equation without parameters": ("faults:", "watch: Phi/ddt\nfaults:", ("watch is 'Phi/ddt'", "u v w P Q R")),
-    "no profile": ("  profile: f16_high_alpha\n", "  parameters: {}\n", ("identifier.profile is missing", "shipped")),
-    "an unknown profile": ("f16_high_alpha", "f17", ("identifier.profile", "'f17' does not exist", "f16_cruise")),
-    "a profile that is not there": ("f16_high_alpha", "own.yaml", ("identifier.profile", "own.yaml", "cannot be read")),
+    "no profile": ("  profile: f16\n", "  parameters: {}\n", ("identifier.profile is missing", "shipped")),
+    "an unknown profile": ("f16", "f17", ("identifier.profile", "'f17' does not exist", "f16")),
+    "a profile that is not there": ("f16", "own.yaml", ("identifier.profile", "own.yaml", "cannot be read")),
     "a profile of another aircraft": (
-        "f16_high_alpha",
+        "f16",
         "odometry_jointstate",
         ("identifier.profile has", "da", "those of the plant"),
     ),
     "parameters of an unknown noise": (
-        "f16_high_alpha",
-        "f16_high_alpha\n  parameters: {high: {}}",
-        ("identifier.parameters.high is unknown", "one of none, low, med"),
+        "f16",
+        "f16\n  parameters: {high: {}}",
+        ("identifier.parameters.high is unknown", "a parameter of the identifier, or a noise"),
     ),
     "an unknown parameter": (
-        "f16_high_alpha",
-        "f16_high_alpha\n  parameters: {low: {estimator.penality: 1}}",
+        "f16",
+        "f16\n  parameters: {low: {estimator.penality: 1}}",
         ("identifier.parameters.low.estimator.penality is unknown", "'estimator.penalty'"),
     ),
     "a parameter out of range": (
-        "f16_high_alpha",
-        "f16_high_alpha\n  parameters: {low: {estimator.penalty: -1}}",
+        "f16",
+        "f16\n  parameters: {low: {estimator.penalty: -1}}",
         ("identifier.parameters.low.estimator.penalty", "is -1", "[0, 1000]"),
     ),
     "a parameter that the rates give": (
-        "f16_high_alpha",
-        "f16_high_alpha\n  parameters: {low: {sample_rate: 25}}",
+        "f16",
+        "f16\n  parameters: {low: {sample_rate: 25}}",
         ("identifier.parameters.low.sample_rate is 25", "rates.sensors"),
     ),
     "no YAML": ("faults:", "faults: [", ("is not YAML", "line")),

@@ -21,6 +21,7 @@ ENCODERS = {"odometry_jointstate": made.standard, "mavros_fixed_wing": made.mavr
 NAMES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 P, DDT = 3, 2
 WELL_KNOWN = {
+    "estimator.method": "msls",
     "reliability.relative_error": 0.05,
     "reliability.confounding_states": 0.0,
     "reliability.confounding_effectors": 0.0,

@@ -22,11 +22,11 @@ def test_the_node_on_the_bench_says_what_the_identifier_says() -> None:
     time, x, xdot, delta = made_up(COUNT)
     xdot[100:, 3] -= 40.0 * delta[100:, 2]
     with Bench() as bench:
-        identifier = bench.identifier("f16_high_alpha", dither__seed=3)
+        identifier = bench.identifier("f16", dither__seed=3)
         identifier.feed(time, x, xdot, delta)
         models = identifier.await_models(COUNT)
         events = identifier.await_events(1)
-    alone = Identifier(read_profile("f16_high_alpha").replace({"dither.seed": 3}))
+    alone = Identifier(read_profile("f16").replace({"dither.seed": 3}))
     expected = alone.run(1.0 + time, x, xdot, delta).estimates
     assert np.array_equal(messages.values(models[-1].b), expected[-1].b.ravel())
     assert len(identifier.dithers) == COUNT

@@ -21,7 +21,7 @@ from msls_ros.nodes import identifier, pilot, plant, recorder
 from msls_ros.testing import Bench
 
 Process = subprocess.Popen[str]
-PROFILE = str(config_folder() / "f16_high_alpha.yaml")
+PROFILE = str(config_folder() / "f16.yaml")
 LIMIT = 60
 NODES: dict[str, tuple[Any, Any]] = {
     "identifier": (identifier.IdentifierNode, identifier.PARAMETERS),

@@ -40,7 +40,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory, flight: list[BagMessage]) -> P
 
 def run(capsys: pytest.CaptureFixture[str], bag: Path, out: Path) -> tuple[int, list[Any], list[str]]:
     """Replay a bag; every line on stderr is of replay."""
-    arguments = [str(bag), "--params", "f16_high_alpha", "--out", str(out), "--overwrite", "--every", "50", "--json"]
+    arguments = [str(bag), "--params", "f16", "--out", str(out), "--overwrite", "--every", "50", "--json"]
     code = command.main(arguments)
     text, err = capsys.readouterr()
     lines = [line for line in err.splitlines() if not line.startswith("replaying ")]
@@ -165,7 +165,7 @@ def test_strange_stamps_are_refused_and_counted_or_start_anew(
 def test_numbers_that_are_not_finite_are_counted_and_the_rest_is_as_without_them(
     tmp_path: Path, flight: list[BagMessage]
 ) -> None:
-    configuration = read_profile("f16_high_alpha")
+    configuration = read_profile("f16")
     bad = {60, 61, 300}
     changed = [
         m._replace(data=m.data[:-8] + np.array([np.nan, np.inf, -np.inf])[k % 3 : k % 3 + 1].tobytes())
@@ -185,9 +185,7 @@ def test_numbers_that_are_not_finite_are_counted_and_the_rest_is_as_without_them
 def test_messages_that_are_no_samples_are_counted(tmp_path: Path, flight: list[BagMessage]) -> None:
     rng = np.random.default_rng(4)
     changed = [m._replace(data=rng.bytes(len(m.data))) if k % 40 == 7 else m for k, m in enumerate(flight)]
-    result = replay(
-        write(tmp_path / "bad", changed), tmp_path / "out", read_profile("f16_high_alpha"), ReplayOptions(every=100)
-    )
+    result = replay(write(tmp_path / "bad", changed), tmp_path / "out", read_profile("f16"), ReplayOptions(every=100))
     count = len(flight) // 40
     assert count - 1 <= result.refused["malformed"] <= count + 1
     assert result.samples > len(flight) // 2 - count - 2

@@ -48,7 +48,7 @@ def test_a_bag_of_other_types_replays_by_its_profile(
     adapter = InputAdapter(inputs, configuration.states, configuration.effectors, refused=gate.refused)
     decoded = ((m.topic, m.stamp_ns, d) for m, d in bags.read(bag).decoded())
     samples = [s for row in adapt(decoded, adapter) if (s := row.offer(gate)) is not None]
-    identifier = Identifier(configuration)
+    identifier = Identifier(configuration, adapter.straddle)
     for s in samples:
         last = identifier.update(s.time, s.x, s.xdot, s.delta)
         if last.samples % 100 == 0:
@@ -74,7 +74,7 @@ def test_what_is_missing_is_one_line(flight: Flight, tmp_path: Path, capsys: pyt
     arguments = ("--out", tmp_path / "out", "--overwrite", "--params")
     code, _, err = run(capsys, bag, *arguments, "odometry_jointstate")
     assert code == 2 and len(err) == 1 and "no topic /odom (nav_msgs/msg/Odometry)" in err[0] and str(bag) in err[0]
-    code, _, err = run(capsys, bag, *arguments, "f16_high_alpha")
+    code, _, err = run(capsys, bag, *arguments, "f16")
     assert code == 2 and len(err) == 1 and "no topic state" in err[0]
 
 

@@ -139,7 +139,7 @@ def test_a_namespace_is_found_and_can_be_chosen(tmp_path: Path, configuration: C
 
 
 def test_parameters_kept_with_a_flight_are_the_same_when_read_again(tmp_path: Path) -> None:
-    for name in ("f16_high_alpha", "f16_cruise", "paper_literal"):
+    for name in ("f16", "A4", "paper_literal"):
         first = read_profile(name).replace({"dither.seed": 12345, "estimator.penalty": 1.0 / 3.0})
         keep_parameters(tmp_path, first)
         assert read_profile(kept_parameters(tmp_path)) == first

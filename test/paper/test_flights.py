@@ -115,7 +115,7 @@ def test_without_dither_b43_is_never_called_reliable(rows: list[Row]) -> None:
 
 def test_ranges_enclose_medians(rows: list[Row]) -> None:
     for one in rows:
-        for value in (one.msls, one.msls_no_detection, one.rls):
+        for value in (one.msls, one.msls_no_detection, one.rls, one.bank):
             assert value is None or value.low <= value.median <= value.high
 
 

@@ -1,0 +1,193 @@
+"""The beds of `calibration`: flights of the F-16 and of flight test, flown once and kept, as the inputs of identifiers.
+
+Every bed flies with the shipped profile of its aircraft; nothing is set for a bed, a noise or a rate. What is kept of a
+flight (samples, truth, what breaks) serves any number of identifiers after it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation import Configuration
+from msls_ros.estimation.kernel import Array
+from msls_ros.fleet.work import running_code
+from msls_ros.flights.aircraft_files import find_aircraft
+from msls_ros.flights.closed_loop import Rates, fly
+from msls_ros.flights.scenarios import Scenario, find_scenario
+from msls_ros.inputs.derivatives import DerivativeFilter
+from msls_ros.inputs.frames import euler_rates
+
+F16 = (
+    *("roll_doublet_tail_fault", "half_loss", "ramp_loss", "nozzle_failure", "strong", "turbulence"),
+    *("cruise_tail_fault", "roll_doublet"),
+)
+AIRCRAFT = ("A4", "c172x", "T37", "J3Cub")
+VANES = {"A4": 7.6, "c172x": 2.2, "T37": 3.0, "J3Cub": 1.2}
+"""Ahead of the centre of mass [m]."""
+RATES = (25, 50, 100)
+VARIANTS = ("smooth", "dither", "gusts", "loss")
+DITHER = {
+    "dither.cap": 0.004363,
+    "dither.cap_unreliable": 0.004363,
+    "dither.limit_nominal": 0.05,
+    "dither.limit_boosted": 0.05,
+}
+QUIET_DITHER = {"dither.limit_nominal": 0.0, "dither.limit_boosted": 0.0}
+GUSTS = 0.3
+"""[m/s]"""
+INTERVALS = 4
+"""Of the window of derivatives, on the way through mapped inputs."""
+PATHS = ("direct", "mapped")
+
+
+@dataclass(frozen=True)
+class Bed:
+    """A cell of the table: what is flown with many seeds."""
+
+    name: str
+    group: str
+    """``F-16``, ``intact`` or ``flight test``."""
+    scenario: Scenario
+    noise: str
+    changes: tuple[tuple[str, Any], ...] = ()
+    """Of the dither, by full name."""
+
+    def configuration(self, seed: int) -> Configuration:
+        """Return the identifier's: the profile as it ships."""
+        return self.scenario.configuration(self.noise, seed, dither=True).replace(dict(self.changes))
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """One flight; n samples, k truths."""
+
+    time: Array
+    """(n,) [s]."""
+    x: Array
+    xdot: Array
+    delta: Array
+    truth_time: Array
+    """(k,) [s]."""
+    truth_a: Array
+    """(k, 9, 9)."""
+    truth_b: Array
+    """(k, 9, m)."""
+
+
+def f16_beds(names: tuple[str, ...] = F16, noises: tuple[str, ...] = ("none", "low", "med")) -> Iterator[Bed]:
+    """Yield the scenarios that ship, at each noise."""
+    for name in names:
+        for noise in noises:
+            yield Bed(f"{name} {noise}", "F-16", find_scenario(name), noise)
+
+
+def intact_beds(airs: tuple[str, ...] = ("none", "moderate", "severe"), duration: float = 60.0) -> Iterator[Bed]:
+    """Yield flights in which nothing breaks, in still and moving air: every alarm is false."""
+    for air in airs:
+        for noise in ("none", "low", "med"):
+            scenario = replace(find_scenario("roll_doublet"), turbulence=air, duration=duration, name=f"intact_{air}")
+            yield Bed(f"intact {air} air {noise}", "intact", scenario, noise)
+
+
+def flight_test_beds(
+    aircraft: tuple[str, ...] = AIRCRAFT,
+    rates: tuple[int, ...] = RATES,
+    variants: tuple[str, ...] = VARIANTS,
+) -> Iterator[Bed]:
+    """Yield flights of flight test without noise but that of real sensors."""
+    for name in aircraft:
+        for rate in rates:
+            for variant in variants:
+                yield Bed(
+                    f"{name} {rate} Hz {variant}",
+                    "flight test",
+                    flight_test(name, rate, variant),
+                    "none",
+                    tuple((DITHER if variant == "dither" else QUIET_DITHER).items()),
+                )
+
+
+def flight_test(name: str, rate: int, variant: str) -> Scenario:
+    """Return the scenario of a flight test: an aircraft of ``config/aircraft``, a rate [Hz], one of `VARIANTS`."""
+    suffix = "_aileron_half" if variant == "loss" else ""
+    base = find_scenario(f"flight_test_A4{suffix}")
+    data = find_aircraft(name)
+    dynamics = max(100, math.ceil(data.airframe.least_rate / rate) * rate)
+    sensors = base.instruments
+    return replace(
+        base,
+        name=f"flight_test_{name}_{rate}_{variant}",
+        aircraft=data,
+        condition=data.condition_names[0],
+        profile=name,
+        gusts=GUSTS if variant == "gusts" else 0.0,
+        rates=Rates(dynamics, rate, 5),
+        faults=tuple(replace(fault, airframe=data.airframe) for fault in base.faults),
+        instruments=None if sensors is None else replace(sensors, vane_position=VANES[name]),
+        parameters={},
+    )
+
+
+def record(bed: Bed, seed: int, folder: Path | None) -> Recorded:
+    """Fly, or read what an earlier call has flown with the same code.
+
+    Parameters
+    ----------
+    bed, seed
+        What to fly; the seed is that of sensors, air and dither.
+    folder
+        Where flights are kept; None: nowhere.
+    """
+    decides = (bed.scenario.flight(bed.noise, seed), bed.configuration(seed), running_code())
+    key = hashlib.sha256(repr(decides).encode()).hexdigest()[:16]
+    file = None if folder is None else folder / f"{bed.name.replace(' ', '_')}-{seed}-{key}.npz"
+    if file is not None and file.is_file():
+        with np.load(file) as kept:
+            return Recorded(**{name: kept[name] for name in kept.files})
+    log = fly(bed.configuration(seed), bed.scenario.flight(bed.noise, seed), sparse=True)
+    at = list(log.truths)
+    found = Recorded(
+        np.array(log.time),
+        np.array(log.x),
+        np.array(log.xdot),
+        np.array(log.delta),
+        np.array(log.time)[at],
+        np.array([log.truths[k].a for k in at]),
+        np.array([log.truths[k].b for k in at]),
+    )
+    if file is not None:
+        part = file.with_suffix(".part.npz")
+        np.savez_compressed(part, **vars(found))
+        part.replace(file)
+    return found
+
+
+def mapped(flight: Recorded) -> tuple[Array, Array, Array, Array]:
+    """Return the samples as mapped inputs give them: rates differentiated, all else through the same window.
+
+    Returns
+    -------
+    tuple
+        Time, states, derivatives and deflections.
+    """
+    n, m = flight.x.shape[1], flight.delta.shape[1]
+    window = DerivativeFilter(INTERVALS, 2 * n + m, round(1e9))
+    rows = []
+    for k in range(len(flight.time)):
+        x, known = flight.x[k], flight.xdot[k].copy()
+        known[6:9] = euler_rates((x[3], x[4], x[5]), (x[6], x[7]))
+        row = np.concatenate([x, flight.delta[k], known])
+        filtered = window.push(round(flight.time[k] * 1e9), row)
+        if filtered is not None:
+            derivative = filtered.smooth[n + m :].copy()
+            derivative[3:6] = filtered.slope[3:6]
+            rows.append((filtered.stamp * 1e-9, filtered.smooth[:n], derivative, filtered.smooth[n : n + m]))
+    time, states, derivatives, deflections = (np.array(column) for column in zip(*rows, strict=True))
+    return time, states, derivatives, deflections
