@@ -23,7 +23,7 @@ SAMPLES = 1500
 LARGE = ["x" * 10_000]
 """Names that fill a disk soon."""
 WRITERS = {
-    "replay": ["--params", "f16_high_alpha", "--out", "out/replayed", "source"],
+    "replay": ["--params", "f16", "--out", "out/replayed", "source"],
     "report": ["--out", "out/report", "source"],
     "campaign": ["roll_doublet_tail_fault", "--seeds", "1", "--jobs", "1", "--out", "out/campaign"],
     "demo": ["--out", "out/demo"],

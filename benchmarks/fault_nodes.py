@@ -130,7 +130,7 @@ def _samples(count: int) -> Any:
 
 def fly_identifier(bench: Bench, link: Link, goods: int) -> list[Any]:
     """Identify; give the dithers and the last model."""
-    made = bench.identifier("f16_high_alpha", dither__stale_after=60.0)
+    made = bench.identifier("f16", dither__stale_after=60.0)
     traffic = made.node._monitor.traffic
     for k, (stamp, x, xdot, delta) in enumerate(_samples(goods // 2)):
         link.send("state", messages.state_message(stamp, STATES, x, xdot))
