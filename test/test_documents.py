@@ -68,7 +68,7 @@ RUN_BY = {
     "./msls campaign roll_doublet_tail_fault docs/examples/my_flight.yaml --seeds 20 --noise none,low --jobs 2": (
         f"{CAMPAIGN}::test_two_jobs_give_the_same_table_as_one"
     ),
-    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare lambda=0.9,0.96 --compare penalty=3e-4,1e-3": (
+    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare estimator.method=bank,msls": (
         f"{CAMPAIGN}::test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda"
     ),
     "./msls paper": "test/paper/test_command.py::test_json_is_one_object_with_the_table_the_claims_and_the_figures",
