@@ -117,7 +117,7 @@ def draw_timeline(flight: Recorded, changes: Sequence[TruthChange]) -> Drawn:
     if present or changes:
         beside(axis)
     caption = (
-        "Each lane is an equation: detection, isolation (the effector is named), recovery; the pale bar spans "
+        "Each lane is an equation: detection, isolation (the surface or effector is named), recovery; the pale bar spans "
         "detection to recovery."
     )
     return write(figure, "events", "Events", caption if flight.events else "No event in this flight.")
