@@ -1,6 +1,7 @@
 """What ./msls does: set up what is missing, then run one of the executables of msls_ros (see HELP)."""
 
 import ast
+import difflib
 import fcntl
 import hashlib
 import json
@@ -448,11 +449,13 @@ def main(arguments: Sequence[str]) -> Optional[int]:
     name, rest = arguments[0], list(arguments[1:])
     names = [*known, "test", "python", "setup"]
     if name not in names:
-        print(f"msls: no executable '{name}'; there are: {', '.join(names)}", file=sys.stderr)
+        near = difflib.get_close_matches(name, names, 1)
+        guess = f"; did you mean '{near[0]}'?" if near else ""
+        print(f"msls: no executable '{name}'; there are: {', '.join(names)}{guess}", file=sys.stderr)
         return 2
     try:
         env = set_up()
-        if name in EXTRA_LOCKS:
+        if name in EXTRA_LOCKS and not {"-h", "--help"} & set(rest):
             add_packages(name)
     except SetupError as error:
         print(error.output, f"msls: {error}", sep="\n" if error.output else "", file=sys.stderr)

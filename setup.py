@@ -9,17 +9,19 @@ from setuptools import setup
 NAME = "msls_ros"
 ROOMS = [
     *("estimation", "plant", "bags", "report", "fleet"),
-    *("inputs", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
+    *("inputs", "control", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
 ]
 # Each is msls_ros/commands/NAME.py with a main().
 EXECUTABLES = [
     "identifier",
     "mixer",
+    "controller",
     "plant",
     "pilot",
     "recorder",
     "watch",
     "demo",
+    "inspect",
     "replay",
     "report",
     "paper",
@@ -64,7 +66,7 @@ setup(
         *data_files("config", "launch"),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest", "hypothesis"]},
+    extras_require={"test": ["pytest", "hypothesis", "pymavlink"], "px4": ["pyulog"]},
     zip_safe=True,
     entry_points={"console_scripts": [f"{name} = {NAME}.commands.{name}:main" for name in EXECUTABLES]},
 )

@@ -24,8 +24,13 @@ ARGUMENTS = {
     "respawn": ("false", "start nodes again that end unasked"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "use_sim_time": ("true", "time of the identifier is the plant's clock"),
+    "law": ("fixed", "control law: fixed (the pilot's own), or indi, lq, auto: then a controller flies between"),
     "record": ("", "folder of a bag to record everything into; empty: none"),
 }
+
+
+TOPICS = ("state", "effectors", "command", "dither", "model", "fault", "truth/state", "truth/model", "/clock")
+"""What is recorded without a controller."""
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -51,13 +56,14 @@ def nodes(context: Any) -> list[Node]:
         "use_sim_time": given["use_sim_time"].lower() == "true",
         "lockstep": given["mode"] == "lockstep",
     }
+    asks = given["law"] != "fixed"
     plant = {name: given[name] for name in ("condition", "noise", "mode")}
     found = [
         Node(executable="identifier", name="identifier", parameters=[*files, own], **common),
         Node(
             executable="pilot",
             name="pilot",
-            parameters=[{name: given[name] for name in ("condition", "manoeuvre")}],
+            parameters=[{**{name: given[name] for name in ("condition", "manoeuvre")}, "ask": asks}],
             **common,
         ),
         Node(
@@ -68,8 +74,15 @@ def nodes(context: Any) -> list[Node]:
             **common,
         ),
     ]
+    if asks:
+        law = {name: given[name] for name in ("law", "condition")}
+        law |= {name: own[name] for name in ("autostart", "use_sim_time", "lockstep")}
+        found.append(Node(executable="controller", name="controller", parameters=[law], **common))
     if given["record"]:
-        found.append(Node(executable="recorder", name="recorder", parameters=[{"out": given["record"]}], **common))
+        recorded: dict[str, Any] = {"out": given["record"]}
+        if asks:
+            recorded["topics"] = [*TOPICS, "pilot_command", "control_status"]
+        found.append(Node(executable="recorder", name="recorder", parameters=[recorded], **common))
     return found
 
 

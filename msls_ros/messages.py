@@ -13,7 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 try:
-    from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
+    from msls_msgs.msg import (
+        ControlStatus,
+        DitherCommand,
+        EffectorCommand,
+        EffectorSample,
+        FaultEvent,
+        LinearModel,
+        PilotCommand,
+        StateSample,
+    )
 except ImportError as error:
     text = (
         "the message package msls_msgs is not built or not sourced: run './msls setup', or build both packages with "
@@ -22,7 +31,7 @@ except ImportError as error:
     raise ImportError(text) from error
 from builtin_interfaces.msg import Time
 
-from msls_ros import estimation, records
+from msls_ros import control, estimation, records
 
 Array = NDArray[np.float64]
 
@@ -86,6 +95,16 @@ def fault_message(stamp: int, event: estimation.FaultEvent) -> FaultEvent:
 def model_message(stamp: int, estimate: estimation.Estimate) -> LinearModel:
     """Return an estimate as a message."""
     return _fill(LinearModel(), stamp, **records.model_fields(estimate))
+
+
+def pilot_command_message(stamp: int, effectors: Sequence[str], command: control.PilotCommand) -> PilotCommand:
+    """Return what a pilot asks for as a message."""
+    return _fill(PilotCommand(), stamp, **records.pilot_command_fields(effectors, command))
+
+
+def control_status_message(stamp: int, surfaces: Sequence[str], status: control.Status) -> ControlStatus:
+    """Return what a law did with a sample as a message."""
+    return _fill(ControlStatus(), stamp, **records.control_status_fields(surfaces, status))
 
 
 def truth_message(

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from msls_ros.control import PilotCommand, Status
 from msls_ros.estimation import Dither, Estimate, FaultEvent
 
 FRAME = "base_link_frd"
@@ -77,3 +78,33 @@ def model_fields(estimate: Estimate) -> Fields:
     """Return the fields of a `LinearModel` but its header."""
     names = {name: list(getattr(estimate, name)) for name in _MODEL_NAMES}
     return {**names, **{name: getattr(estimate, name) for name in MODEL_NUMBERS}}
+
+
+def pilot_command_fields(effectors: Sequence[str], command: PilotCommand) -> Fields:
+    """Return the fields of a `PilotCommand` but its header."""
+    known = command.stack is not None
+    return {
+        "roll_rate": float(command.roll_rate),
+        "alpha": float(command.alpha),
+        "pitch_rate": float(command.pitch_rate),
+        "beta": float(command.beta),
+        "effectors": list(effectors) if known else [],
+        "delta": np.zeros(0) if command.stack is None else command.stack,
+    }
+
+
+def control_status_fields(surfaces: Sequence[str], status: Status) -> Fields:
+    """Return the fields of a `ControlStatus` but its header."""
+    names = ("effectiveness", "effectiveness_std", "stuck", "saturated", "wanted", "unmet")
+    return {
+        "law": status.law,
+        "reason": status.reason,
+        "design_age": float(status.design_age),
+        "surfaces": list(surfaces),
+        **{name: getattr(status, name) for name in names},
+        "gain_margin": float(status.margins.gain),
+        "gain_reduction": float(status.margins.reduction),
+        "phase_margin": float(status.margins.phase),
+        "delay_margin": float(status.margins.delay),
+        "handover": float(status.handover),
+    }

@@ -55,8 +55,9 @@ RUN_BY = {
     "./msls test docs/examples/test_my_aircraft.py": f"{HERE}::test_the_example_for_pytest_passes",
     "./msls identifier --ros-args --params-file docs/examples/my_stack.yaml": f"{HERE}"
     "::test_the_identifier_takes_the_example_of_a_stack",
+    "./msls inspect bags/tail_fault": BAG,
     "./msls replay bags/tail_fault": BAG,
-    "./msls report out/replay/tail_fault": BAG,
+    "./msls report bags/tail_fault": BAG,
     "./msls recorder --repair out/replay/tail_fault": BAG,
     "./msls replay bags/*/ --jobs 2 --every 10": "test/fleet/test_fleet.py"
     "::test_replay_of_many_bags_gives_the_same_with_two_jobs",
@@ -247,7 +248,7 @@ def test_the_commands_on_a_bag_run_one_after_the_other(
         _, name, *rest = shlex.split(command)
         assert importlib.import_module(f"msls_ros.commands.{name}").main(rest) == 0, command
     assert "was whole" in capsys.readouterr().out
-    assert (tmp_path / "out" / "replay" / "tail_fault_report" / "report.html").stat().st_size > 100_000
+    assert (tmp_path / "out" / "report" / "tail_fault" / "report.html").stat().st_size > 100_000
 
 
 def test_the_identifier_takes_the_example_of_a_stack(bench: Bench) -> None:

@@ -22,17 +22,18 @@ BELOW = {
     "report": set[str](),
     "fleet": set[str](),
     "inputs": {"estimation"},
-    "flights": {"plant", "inputs", "estimation"},
+    "control": {"estimation"},
+    "flights": {"plant", "inputs", "estimation", "control"},
     "campaigns": {"flights", "fleet"},
     "offline": {"bags", "inputs", "estimation", "flights", "report"},
     "paper": {"flights", "report"},
-    "nodes": {"inputs", "plant", "bags", "flights", "offline"},
+    "nodes": {"inputs", "control", "plant", "bags", "flights", "offline"},
     "commands": {"nodes", "paper", "offline", "campaigns", "report", "fleet"},
 }
 """The rooms that each may import; what those may import, it may too."""
 MODULES = {
-    "records": {"estimation"},
-    "messages": {"estimation", "records"},
+    "records": {"estimation", "control"},
+    "messages": {"estimation", "control", "records"},
     "testing": {"nodes", "inputs", "estimation", "messages"},
 }
 """The modules beside the rooms, and what they may import."""
@@ -42,10 +43,11 @@ ROS |= {"rosgraph_msgs", "std_msgs", "std_srvs", "builtin_interfaces", "rosidl_r
 OWN = {
     "estimation": {"numba"},
     "plant": {"jsbsim"},
-    "bags": {"rosbags", "mcap", "zstandard", "lz4", "ruamel"},
+    "bags": {"rosbags", "mcap", "zstandard", "lz4", "ruamel", "pyulog"},
     "report": {"matplotlib"},
     "fleet": {"dask", "distributed"},
     "inputs": {"yaml"},
+    "control": {"numba"},
     "flights": {"yaml"},
     "campaigns": set[str](),
     "offline": set[str](),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import msls_ros.plant
+from msls_ros.campaigns.naming import judge_names
 from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.fleet.work import running_code
@@ -32,6 +34,7 @@ from msls_ros.flights.judging import (
     mean,
 )
 from msls_ros.flights.scenarios import Scenario
+from msls_ros.flights.tracking import track
 from msls_ros.flights.watch import Watch
 from msls_ros.plant import PlantError, digest_of
 
@@ -177,14 +180,35 @@ def judge(cell: Cell, log: FlightLog) -> Row:
             **errors_now(at, one, truth, faults, truth_before),
             "finite": bool(np.isfinite(one).all()),
         }
+    if scenario.law.law is not None:
+        found["tracking"] = tracking_row(log, scenario)
     return found | {
         "coverage": coverage(scenario, log, flown),
+        "named": judge_names(scenario, log),
         "reliable_share_before": mean(reliable[(estimated_at <= at[before][-1]) & (estimated_at > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
         "dither_predicted_g_max": max(one.predicted_acceleration for one in log.dithers),
         "simulated_s": scenario.duration,
     }
+
+
+def tracking_row(log: FlightLog, scenario: Scenario) -> Row:
+    """Return how a flight followed its commands [deg, deg/s, s]; the recovery of a flight that departed is None."""
+    t = track(log, scenario.fault_start, scenario.rates.period)
+    reasons = [status.law for status in log.statuses]
+    return {
+        "kept": t.kept,
+        "why": t.why,
+        "departed_s": t.departed_s,
+        **{name: math.degrees(getattr(t, name)) for name in ANGLES},
+        "recovery_s": None if math.isinf(t.recovery_s) else t.recovery_s,
+        "fixed_share": mean(np.array([one in ("fixed", "hold") for one in reasons])) if reasons else 1.0,
+    }
+
+
+ANGLES = ("roll_rms", "alpha_rms", "beta_rms", "alpha_max", "beta_max")
+"""Of `Tracking`, in degrees in tables."""
 
 
 def _fault(span: tuple[float, float], alarms: list[tuple[float, tuple[str, ...]]]) -> Row:

@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import itertools
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 from msls_ros.campaigns.flight import SHORT, Cell, Task
+from msls_ros.control import ControlError, ControlSettings
+from msls_ros.control.settings import items
 from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.estimation.configuration import as_mapping
-from msls_ros.flights.scenarios import OURS, find_scenario
+from msls_ros.flights.scenario_law import LAW_COMPARED, LawChoice, changed_law
+from msls_ros.flights.scenarios import OURS, Scenario, ScenarioError, find_scenario
 from msls_ros.plant import NOISE_LEVELS
 
 FULL = {short: name for name, short in SHORT.items()}
@@ -80,15 +84,46 @@ def plan(
     for scenario in scenarios:
         for noise in noises or (scenario.noise,):
             base = scenario.configuration(noise, 0, dither)
-            cells += [Cell(scenario, noise, one, base.replace(dict(one))) for one in _settings(base, comparisons)]
+            for one in _settings(base, scenario.law, comparisons):
+                changes = {name: value for name, value in one if not _of_law(name)}
+                cells.append(Cell(_with_law(scenario, one), noise, one, base.replace(changes)))
     return cells
 
 
-def _settings(base: Configuration, comparisons: Sequence[tuple[str, tuple[str, ...]]]) -> Iterator[Setting]:
-    """Yield all combinations of the values, each of the type that its parameter has."""
+def _of_law(name: str) -> bool:
+    """Whether a comparison is one of the control law, not of the identifier."""
+    return name in LAW_COMPARED or name.startswith("control.")
+
+
+def _with_law(scenario: Scenario, setting: Setting) -> Scenario:
+    """Return a scenario with what of a setting concerns the law.
+
+    Raises
+    ------
+    PlanError
+        For a law that cannot be flown, or a parameter that it refuses.
+    """
+    changes = {name: value for name, value in setting if _of_law(name)}
+    if not changes:
+        return scenario
+    try:
+        return replace(scenario, law=changed_law(scenario.law, changes))
+    except (ScenarioError, ControlError) as error:
+        message = f"--compare: {error}"
+        raise PlanError(message) from error
+
+
+def _settings(
+    base: Configuration, law: LawChoice, comparisons: Sequence[tuple[str, tuple[str, ...]]]
+) -> Iterator[Setting]:
+    """Yield all combinations of the values, each of the type that its parameter has; first what is configured."""
     known = as_mapping(base)
     axes = []
     for name, texts in comparisons:
+        if _of_law(name):
+            _refuse_twice(list(texts), f"--compare {name}")
+            axes.append([(name, value) for value in law_values(law, name, texts)])
+            continue
         if name in OURS:
             message = f"--compare {name}: it cannot be compared, {OURS[name]} gives it"
             raise PlanError(message)
@@ -103,7 +138,26 @@ def _settings(base: Configuration, comparisons: Sequence[tuple[str, tuple[str, .
         values = [_typed(text, known[name]) for text in texts]
         _refuse_twice([f"{value}" for value in values], f"--compare {name}")
         axes.append([(name, value) for value in values])
-    yield from itertools.product(*axes)
+    combinations = list(itertools.product(*axes))
+    configured = tuple((name, known[name]) for name, _ in comparisons if name in known)
+    if len(configured) == len(comparisons) > 0 and configured not in combinations:
+        yield ()
+    yield from combinations
+
+
+def law_values(law: LawChoice, name: str, texts: Sequence[str]) -> list[Any]:
+    """Return values of what belongs to the law, each in the type that it has there."""
+    if name in LAW_COMPARED:
+        return [_typed(text, LAW_COMPARED[name]) for text in texts]
+    known = {one: value for one, value, _ in items(ControlSettings())}
+    short = name.removeprefix("control.")
+    if short not in known or isinstance(known[short], tuple):
+        message = f"--compare {name}: expected control. and a parameter of one number or word: {', '.join(known)}"
+        raise PlanError(message)
+    if law.law is None:
+        message = f"--compare {name}: the scenario has no law; expected --compare law=... first"
+        raise PlanError(message)
+    return [_typed(text, known[short]) for text in texts]
 
 
 def _typed(text: str, like: Any) -> Any:

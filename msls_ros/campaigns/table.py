@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import textwrap
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict
 from itertools import groupby
 from typing import Any
 
-from msls_ros.campaigns.flight import Cell, Row, estimators
+import numpy as np
+
+from msls_ros.campaigns.flight import ANGLES, Cell, Row, estimators
 from msls_ros.flights.judging import ALARM_WINDOW, LATE, SETTLED
 from msls_ros.flights.spread import Spread, spread
 
 QUANTITIES = ("settle_s", "rms_before", "rms_after", "rms_after_now", "peak_error", "late_error", "late_error_now")
+NAMED = ("rightly", "wrongly", "not")
 HOUR = 3600.0
 WIDTH = 116
 NOTES = (
@@ -22,6 +26,8 @@ NOTES = (
     "fault, counted from the end of the ramp; where it never does, that is the end of the flight.",
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
+    "named: an effector, up to 5 s after the end of the ramp, that has truly lost a tenth of its effect or more; "
+    "wrongly: any other name. z: the share left less the true one, over its standard error.",
     "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
     "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
 )
@@ -51,13 +57,31 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "false_alarms_per_h": false / hours if hours > 0.0 else None,
         **{name: {key: _spread(row[name][key] for row in flown) for key in QUANTITIES} for name in methods},
         "coverage": {matrix: _pooled([row["coverage"][matrix] for row in flown]) for matrix in ("a", "b")},
+        "named": {key: sum(row["named"][key] for row in flown) for key in NAMED},
+        "named_z": _spread(abs(z) for row in flown for z in row["named"]["z"]),
         "reliable_share_before": _spread(row["reliable_share_before"] for row in flown),
         "dither_predicted_g_max": max((row["dither_predicted_g_max"] for row in flown), default=None),
         "not_finite": {
             "flight": sum(not row["finite"] for row in flown),
             **{name: sum(not row[name]["finite"] for row in flown) for name in methods},
         },
+        "tracking": _tracking([row["tracking"] for row in flown if "tracking" in row]),
         "errors": sorted({row["error"] for row in rows if row["error"] is not None}),
+    }
+
+
+def _tracking(rows: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
+    """Return how the flights followed their commands; a flight that departed has recovered never."""
+    if not rows:
+        return None
+    never = [math.inf if row["recovery_s"] is None else row["recovery_s"] for row in rows]
+    median = float(np.median(never))
+    return {
+        "kept": sum(row["kept"] for row in rows),
+        "of": len(rows),
+        **{name: _spread(row[name] for row in rows) for name in (*ANGLES, "fixed_share")},
+        "recovery_median_s": None if math.isinf(median) else median,
+        "why": sorted({row["why"] for row in rows if row["why"]}),
     }
 
 
@@ -87,6 +111,11 @@ def render(cells: Sequence[Cell], summaries: Sequence[dict[str, Any]]) -> str:
             ("Error bars, non-finite values, dither", TRUST),
         )
     ]
+    if any(summary["tracking"] is not None for summary in summaries):
+        tracked = [one for one in found if one[1]["tracking"] is not None]
+        tables.insert(
+            0, "\n".join(["The law: flights kept, tracking from the fault on, median (range)", *_table(tracked, LAW)])
+        )
     failures = [f"failed: {error}" for summary in summaries for error in summary["errors"]]
     notes = [textwrap.fill(note, WIDTH, subsequent_indent="  ") for note in NOTES]
     return "\n\n".join([*tables, "\n".join([*notes, *dict.fromkeys(failures)])])
@@ -96,17 +125,24 @@ def _table(found: Sequence[tuple[Cell, dict[str, Any]]], columns: Sequence[Colum
     """Return the lines of a table: a line of each scenario, below it one for each noise and setting."""
     lines = [["", *(name for name, _ in columns)]]
     lines += [
-        [f"  {cell.noise:4}  {cell.label}".rstrip(), *(cell_of(one) for _, cell_of in columns)] for cell, one in found
+        [f"  {cell.noise:4}  {cell.label or _plain(found)}".rstrip(), *(cell_of(one) for _, cell_of in columns)]
+        for cell, one in found
     ]
     widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
     head, *rest = (
         "  ".join([line[0].ljust(widths[0]), *map(str.rjust, line[1:], widths[1:])]).rstrip() for line in lines
     )
     table = [head]
-    for scenario, group in groupby(zip(found, rest, strict=True), key=lambda one: one[0][0].scenario):
-        table.append(f"{scenario.name}: {scenario.watch.symbol}, {scenario.watch.derivative}")
+    watches = {cell.scenario.name: cell.scenario.watch for cell, _ in found}
+    for name, group in groupby(zip(found, rest, strict=True), key=lambda one: one[0][0].scenario.name):
+        table.append(f"{name}: {watches[name].symbol}, {watches[name].derivative}")
         table += [line for _, line in group]
     return table
+
+
+def _plain(found: Sequence[tuple[Cell, dict[str, Any]]]) -> str:
+    """Return what a cell without a setting is called: nothing, where no other cell has one."""
+    return "as configured" if any(cell.setting for cell, _ in found) else ""
 
 
 def _range(found: dict[str, float] | None, factor: float = 1.0) -> str:
@@ -140,6 +176,22 @@ def _rate(summary: dict[str, Any]) -> str:
     return "-" if rate is None else f"{rate:.3g} ({summary['false_alarms']} in {hours:.3g} h)"
 
 
+def _tracked(name: str) -> Callable[[dict[str, Any]], str]:
+    return lambda summary: _range(summary["tracking"][name])
+
+
+def _recovered(summary: dict[str, Any]) -> str:
+    median = summary["tracking"]["recovery_median_s"]
+    return "never" if median is None else f"{median:.2f}"
+
+
+LAW: Sequence[Column] = (
+    ("kept", lambda s: f"{s['tracking']['kept']} of {s['tracking']['of']}"),
+    ("roll rate rms [deg/s]", _tracked("roll_rms")),
+    ("alpha max [deg]", _tracked("alpha_max")),
+    ("beta max [deg]", _tracked("beta_max")),
+    ("recovered [s]", _recovered),
+)
 ALARMS: Sequence[Column] = (
     ("flights", lambda s: str(s["flights"])),
     ("failed", lambda s: str(s["failed"])),
@@ -147,6 +199,8 @@ ALARMS: Sequence[Column] = (
     ("missed", lambda s: str(s["missed"]) if s["faults"] else "-"),
     ("delay [s]", lambda s: _range(s["delay_s"])),
     ("false alarms per hour", _rate),
+    ("named rightly / wrongly / not", lambda s: " / ".join(str(s["named"][key]) for key in NAMED)),
+    ("|z| of the share left", lambda s: _range(s["named_z"])),
 )
 BESIDE = ("msls", "rls")
 """Peers in the table, where they did not fly themselves."""

@@ -4,15 +4,23 @@ from __future__ import annotations
 
 import argparse
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
+
+from msls_ros.estimation.errors import nearest
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """Says what is wrong with the command line in one line."""
+    """Says what is wrong with the command line in one line; an option is written out, never abbreviated."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        """As `argparse.ArgumentParser`."""
+        super().__init__(*arguments, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
         """Print the message without the usage, and exit with 2."""
-        self.exit(2, f"{self.prog}: {message}; see --help\n")
+        _, unknown, rest = message.partition("unrecognized arguments: ")
+        near = nearest(rest.split("=")[0].split()[0], self._option_string_actions) if unknown and rest else ""
+        self.exit(2, f"{self.prog}: {message}{near}; see --help\n")
 
 
 def count(text: str) -> int:

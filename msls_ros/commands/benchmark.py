@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, flights, latency, damage, bars."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, bars."""
 
 from __future__ import annotations
 
@@ -12,8 +12,20 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
+from msls_ros.plant import NOISE_LEVELS
 
+CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
+"""Suites of `benchmarks.control`."""
 ROOT = Path(__file__).resolve().parents[2]
+FAULTS = ("bags", "messages", "nodes", "kills", "disks", "network", "soak")
+FAULT_SIZES = (
+    ("bags", 2000, "how many damaged copies"),
+    ("messages", 100_000, "damaged messages through the gate, and as many through the maps of other stacks"),
+    ("nodes", 5000, "damaged messages over DDS to each node"),
+    ("kills", 20, "kills of each of four nodes"),
+    ("network", 20, "seconds over a bad network"),
+    ("soak", 3600, "seconds of flight in one go"),
+)
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -30,13 +42,28 @@ def parser() -> argparse.ArgumentParser:
     replay.add_argument("--every", type=count, default=10, help="samples per model (default: 10)")
     campaign = commands.add_parser("campaign", help="flights of a campaign: multiples of real time per core")
     campaign.add_argument("--flights", type=count, default=12, help="how many are timed (default: 12)")
-    faults = commands.add_parser("faults", help="damaged bags of every format read and repaired: what was lost")
-    faults.add_argument("--bags", type=count, default=2000, help="how many damaged copies (default: 2000)")
+    faults = commands.add_parser("faults", help="damaged bags and messages, kills, disks, network, soak: what was lost")
+    faults.add_argument("--only", nargs="+", choices=FAULTS, default=FAULTS, help="parts (default: all, an hour)")
+    for name, size, what in FAULT_SIZES:
+        faults.add_argument(f"--{name}", type=count, default=size, help=f"{what} (default: {size})")
     faults.add_argument("--seed", type=seed, default=0, help="of the damage (default: 0)")
     latency = commands.add_parser("latency", help="state in to dither and model out, beside a bare relay")
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
     latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
     latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
+    control = commands.add_parser("control", help="control laws side by side: flights kept, how well they track")
+    control.add_argument("--suite", choices=CONTROL, default="failures", help="what is flown (default: failures)")
+    control.add_argument(
+        "--laws",
+        nargs="+",
+        default=["fixed", "frozen", "rls", "lq", "auto", "truth"],
+        metavar="LAW",
+        help="of fixed, frozen, rls, lq, entry, auto, bank, truth (default: all but entry and bank)",
+    )
+    control.add_argument("--noise", nargs="+", choices=list(NOISE_LEVELS), default=["low"], help="(default: low)")
+    control.add_argument("--seeds", type=count, default=2, help="how many (default: 2)")
+    control.add_argument("--first-seed", type=seed, default=100, help="(default: 100)")
+    control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
     calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
     calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
     calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
@@ -45,7 +72,7 @@ def parser() -> argparse.ArgumentParser:
     calibration.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
     )
-    for command in (kernel, stress, replay, campaign, latency, faults, calibration):
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -60,7 +87,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
-    measures |= {"latency": _latency, "faults": _faults, "calibration": _calibration}
+    measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -107,9 +134,11 @@ def _campaign(arguments: argparse.Namespace) -> Any:
 
 
 def _faults(arguments: argparse.Namespace) -> Any:
-    result = importlib.import_module("benchmarks.faults").measure(arguments.bags, _say, arguments.seed)
+    module = importlib.import_module("benchmarks.faults")
+    sizes = {name: getattr(arguments, name) for name, _, _ in FAULT_SIZES}
+    result = module.measure(arguments.only, sizes, _say, arguments.seed)
     if not arguments.json:
-        print(format_faults(result))
+        print(module.text(result))
     return result
 
 
@@ -122,19 +151,31 @@ def _calibration(arguments: argparse.Namespace) -> Any:
     return result
 
 
-def format_faults(rows: Sequence[dict[str, Any]]) -> str:
-    """Return the table of damaged bags as text."""
-    columns = ("tried", "whole", "part", "refused", "silent", "crashed", "hung")
-    lines = [
-        "\ndamaged copies: read whole; in part, with a warning; refused in one line; with a silent loss; crashed; hung",
-        f"{'':36}" + "".join(f"{name:>9}" for name in columns) + f"{'slowest s':>11}",
-    ]
+def _control(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.control")
+    unknown = [law for law in arguments.laws if law not in module.LAWS]
+    if unknown:
+        print(f"benchmark: --laws {unknown[0]}; expected some of {', '.join(module.LAWS)}", file=sys.stderr)
+        return None
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    rows = module.measure(arguments.suite, arguments.laws, arguments.noise, seeds, arguments.out, _say)
+    rows = module.survivable(rows) if arguments.suite == "random" else rows
+    result = module.summarise(rows)
+    if not arguments.json:
+        print(format_control(result))
+    return result
+
+
+def format_control(rows: Sequence[dict[str, Any]]) -> str:
+    """Return the laws side by side as text."""
+    lines = ["\nmedians from the fault on; well: alpha within 2 deg, sideslip 3 deg, roll rate 1.5 deg/s rms"]
+    lines.append(f"{'noise':6}{'law':8}{'kept':>10}{'well':>6}{'roll rms':>10}{'alpha max':>11}{'recovered':>11}")
     for row in rows:
-        cells = "".join(f"{row[name]:>9}" for name in columns)
-        lines.append(f"{row['kind']:36}{cells}{row['slowest_s']:>11.2f}")
-    totals = "".join(f"{sum(row[name] for row in rows):>9}" for name in columns)
-    lines.append(f"{'all':36}{totals}{max(row['slowest_s'] for row in rows):>11.2f}")
-    return "\n".join([*lines, *(f"{row['kind']}: {text}" for row in rows for text in row.get("examples", []))])
+        back = "never" if row["recovery_s"] is None else f"{row['recovery_s']:.2f} s"
+        kept = f"{row['kept']}/{row['flights']}"
+        errors = f"{row['roll_rms']:>10.2f}{row['alpha_max']:>11.2f}"
+        lines.append(f"{row['noise']:6}{row['law']:8}{kept:>10}{row['well']:>6}{errors}{back:>11}")
+    return "\n".join(lines)
 
 
 def _latency(arguments: argparse.Namespace) -> Any:

@@ -7,7 +7,9 @@ import json
 import os
 import signal
 import sys
+import textwrap
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +17,23 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import check_replaceable
 from msls_ros.commands.arguments import OneLineParser, seed
+from msls_ros.commands.demo_end import prepare, write_page
+from msls_ros.commands.law_demo import show_law
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.report import default_folder, remove_report
+from msls_ros.control import LAWS, ControlError
 from msls_ros.flights.aircraft_files import shipped_aircraft
 from msls_ros.flights.comparison import Comparison, summarise
 from msls_ros.flights.judging import LABELS
+from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.offline.comparison import compare
 from msls_ros.plant import NOISE_LEVELS
+
+NEVER = 0.1
+"""An error that is too large so near the end has never settled [s]."""
 
 
 def parser() -> argparse.ArgumentParser:
@@ -44,6 +53,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--noise", choices=list(NOISE_LEVELS), help="sensor noise (default: the scenario's)")
     result.add_argument("--seed", type=seed, default=0, help="of sensor noise, turbulence and dither (default: 0)")
     result.add_argument("--out", type=Path, help="folder for bag, summary and figures (default: out/SCENARIO)")
+    result.add_argument("--law", choices=LAWS, help="control law (default: the scenario's, else the fixed one)")
     result.add_argument("--no-dither", action="store_true", help="fly without active noise injection")
     result.add_argument("--json", action="store_true", help="print summary.json on stdout and nothing else")
     return result
@@ -54,7 +64,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     arguments = parser().parse_args(argv)
     try:
         scenario = find_scenario(arguments.scenario)
-    except ScenarioError as error:
+        if arguments.law is not None:
+            scenario = replace(scenario, law=changed_law(scenario.law, {"law": arguments.law}))
+    except (ScenarioError, ControlError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
     noise = arguments.noise or scenario.noise
@@ -101,11 +113,12 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
     """Fly, compare, draw; write ``summary.json`` into ``out`` and return what it holds."""
     set_logger_level("rcl", LoggingSeverity.ERROR)
     configuration = scenario.configuration(noise, seed, dither)
+    prepare(configuration)
     with Progress(f"flying {scenario.name}", scenario.duration, "s") as progress:
         record = fly(
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show
         )
-    print("comparing with truth and drawing ...", file=sys.stderr, flush=True)
+    print("comparing with truth, drawing, writing the page ...", file=sys.stderr, flush=True)
     comparison = compare(record.bag, configuration, scenario.watch, scenario.airframe)
     found = {
         "scenario": scenario.name,
@@ -122,7 +135,11 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
         "real_time_factor": round((record.samples - 1) * scenario.rates.period / record.wall_time, 2),
         "bag": str(record.bag),
         "figures": [str(p) for p in draw(scenario, comparison, out, noise, seed)],
+        **write_page(record.bag),
     }
+    if scenario.law.plan is not None:
+        found["law"] = show_law(scenario, configuration, comparison, out, noise, seed)
+        found["figures"].append(found["law"]["figure"])
     summary: dict[str, Any] = json.loads(json.dumps(found), parse_constant=lambda _: None)  # JSON knows no NaN
     (out / "summary.json").write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
     return summary
@@ -160,10 +177,11 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     watch = scenario.watch
     watched, dither = s[watch.symbol], s["dither"]
     lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]
+    lines += [*(textwrap.fill(sentence, 110) for sentence in s["verdict"]), ""]
     for (start, end), found in zip(scenario.fault_spans, s["detections"], strict=True):
         seen = "NOT detected"
         if found["time_s"] is not None:
-            seen = f"{found['delay_s']:.2f} s after it, in {', '.join(found['equations'])}"
+            seen = f"seen after {found['delay_s']:.2f} s, in {', '.join(found['equations'])}"
         grown = f"; it grows until {end:.2f} s" if end > start else ""
         lines.append(f"{f'fault at {start:.2f} s':<22}{seen}{grown}")
     lines.append(f"false alarms          {s['false_alarms']}")
@@ -176,9 +194,13 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
             continue
         e = watched[name]
         settle = "-" if e["settle_s"] is None else f"{e['settle_s']:.2f} s"
+        if e["settle_s"] is not None and e["settle_s"] > scenario.duration - (scenario.fault_end or 0.0) - NEVER:
+            settle = "never"
         lines.append(
             f"  {label:<24}{_percent(e['rms_before'])}{_percent(e['peak_error'])}{_percent(e['rms_after'])}{settle:>13}"
         )
+    if "law" in s:
+        lines += ["", *_law_lines(s["law"])]
     lines += [
         "",
         f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms nominal (limit 0.012), "
@@ -186,10 +208,25 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}; "
         f"{dither['realised_of_limit']:.2f} of the limit, {dither['realised_of_limit_1s_max']:.2f} in the worst second",
         f"speed                 {s['real_time_factor']:.1f} x real time",
+        f"page                  {s['report']}",
         f"written               {os.path.dirname(s['bag']) or '.'}: bag/, summary.json, "
         + ", ".join(os.path.basename(f) for f in s["figures"]),
     ]
     return "\n".join(lines)
+
+
+def _law_lines(law: dict[str, Any]) -> list[str]:
+    """Return how the law flew, beside the fixed one."""
+    columns = ("roll_rms_deg", "alpha_max_deg", "beta_max_deg")
+    lines = [f"  {'control law':<24}{'kept':>9}{'roll rms':>10}{'alpha max':>11}{'beta max':>10}{'recovered':>12}"]
+    for name in dict.fromkeys((law["name"], "fixed")):
+        one = law[name]
+        roll, alpha, beta = (one[key] for key in columns)
+        back = "never" if one["recovery_s"] is None else f"{one['recovery_s']:.2f} s"
+        kept = "yes" if one["kept"] else f"{one['departed_s']:.1f} s"
+        lines.append(f"  {name:<24}{kept:>9}{roll:>8.2f}/s{alpha:>11.2f}{beta:>10.2f}{back:>12}")
+    lines.append("  [deg, deg/s, s]; kept: or when it departed")
+    return lines
 
 
 def _percent(value: float | None) -> str:

@@ -58,7 +58,7 @@ def _seeds(text: str) -> int:
 
 def parser() -> argparse.ArgumentParser:
     """Return the command line."""
-    result = OneLineParser("paper", description=ABOUT, allow_abbrev=False)
+    result = OneLineParser("paper", description=ABOUT)
     result.add_argument(
         "--seeds",
         type=_seeds,

@@ -23,14 +23,15 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from msls_ros.commands import benchmark, campaign, demo, paper, replay, report, watch
+from msls_ros.commands import benchmark, campaign, demo, inspect, paper, replay, report, watch
 from msls_ros.flights.scenarios import shipped
-from msls_ros.nodes import identifier, mixer, pilot, plant, recorder
+from msls_ros.nodes import control_parameters, controller, identifier, mixer, pilot, plant, recorder
 from msls_ros.nodes.parameters import Table, constraint
 
 ROOT = Path(__file__).resolve().parents[2]
 TOOLS = {
     "demo": demo.parser,
+    "inspect": inspect.parser,
     "replay": replay.parser,
     "report": report.parser,
     "campaign": campaign.parser,
@@ -44,6 +45,7 @@ NODES: Mapping[str, tuple[type[Node], Table]] = {
     "pilot": (pilot.PilotNode, pilot.PARAMETERS),
     "recorder": (recorder.RecorderNode, recorder.PARAMETERS),
     "mixer": (mixer.MixerNode, mixer.PARAMETERS),
+    "controller": (controller.ControllerNode, control_parameters.PARAMETERS),
 }
 OF_EVERY_NODE = ("/rosout", "/parameter_events")
 STANDARD = ("rcl_interfaces", "lifecycle_msgs", "type_description_interfaces")
@@ -63,8 +65,8 @@ bad input, with one line on stderr; 130 after Ctrl-C. With `--json`, stdout hold
 
 NODE_ARGUMENTS = """\
 Node executables take ROS arguments (`--ros-args -p NAME:=VALUE --params-file FILE -r FROM:=TO`); `--help` lists the
-parameters. Identifier, mixer, plant and pilot also publish `/diagnostics`. Set at *start*: the parameter is fixed when
-the node starts; *flight*: it may change while the node runs.
+parameters. Identifier, controller, mixer, plant and pilot also publish `/diagnostics`. Set at *start*: the parameter is
+fixed when the node starts; *flight*: it may change while the node runs.
 """
 MAPPED = """
 A managed (lifecycle) node. With parameters `inputs.*` it subscribes to topics of any type instead of `state` and

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import glob
 import json
 import sys
@@ -13,21 +14,27 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from msls_ros.bags import HELD, BagError
+from msls_ros.bags import HELD, BagError, open_any
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import Done, FleetError, run
+from msls_ros.inputs import InputMap
+from msls_ros.inputs.findings import NOTE, Finding
 from msls_ros.inputs.profiles import profile_path, read_inputs, read_profile
-from msls_ros.offline.replay import Replay, ReplayOptions, kept_parameters, replay
+from msls_ros.offline.best import origin_of
+from msls_ros.offline.inspection import check_map, inspect
+from msls_ros.offline.opening import Chosen, chosen_parameters
+from msls_ros.offline.replay import Replay, ReplayOptions, replay
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
 The new bag holds the topics model, fault and dither as the identifier node would have published them, bit for
 bit equal, beside identifier.yaml; a bag that it replaces goes when the new one is whole and has samples. Without
 --params the parameters are those of identifier.yaml in the bag's folder, which the demo writes; what was changed in
-flight by services or parameters is not known to a bag. Exit code: 0 also for a damaged bag of which a part was read
-(with warnings), 2 for one that gave nothing.
+flight by services or parameters is not known to a bag. A log of other topics without --params is read by a map made
+from them, see inspect --suggest. What inspect finds wrong is refused, unless --anyway. Exit code: 0 also for a damaged
+bag of which a part was read (with warnings), 2 for one that gave nothing.
 """
 
 
@@ -36,14 +43,16 @@ def parser() -> argparse.ArgumentParser:
     result = OneLineParser(
         prog="replay",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Identify from rosbag2 (MCAP, sqlite3; directory or file; compressed) and ROS 1 bags.",
+        description="Identify from rosbag2 (MCAP, sqlite3; directory or file; compressed) and ROS 1 bags, and logs of "
+        "PX4 (.ulg) and ArduPilot (.bin).",
         epilog=_EPILOG,
     )
-    result.add_argument("bags", nargs="+", metavar="BAG", help="bag directory or file, or a glob; several give a table")
+    result.add_argument("bags", nargs="+", metavar="BAG", help="bag, log or a glob of them; several give a table")
     result.add_argument("--params", metavar="FILE", help="a parameter file, or the name of a shipped one (f16)")
     result.add_argument("--out", type=Path, help=f"folder for the new bags (default: {DEFAULT_OUT}, replaced)")
     result.add_argument("--overwrite", action="store_true", help="replace bags in the folder given with --out")
     result.add_argument("--every", type=count, default=1, metavar="N", help="samples per model (default: 1)")
+    result.add_argument("--anyway", action="store_true", help="use a map that inspect finds wrong")
     result.add_argument("--merge", action="store_true", help="write the input beside the output")
     result.add_argument("--namespace", metavar="NS", help="which aircraft, where a bag has several")
     result.add_argument(
@@ -186,8 +195,12 @@ def _name(bag: Path) -> str:
 
 def _replay(job: Job) -> dict[str, Any]:
     arguments, bag = job.arguments, job.bag
-    parameters = job.parameters or kept_parameters(bag)
-    configuration = read_profile(parameters)
+    reader = open_any(bag, definition_paths=arguments.definitions, held=arguments.memory << 20)
+    chosen = chosen_parameters(reader, str(job.parameters) if job.parameters else None, arguments.namespace)
+    found = inspect(reader, chosen.configuration, chosen.inputs)
+    mapped = isinstance(chosen.inputs, InputMap)
+    if mapped and not arguments.anyway:
+        check_map(bag, found)
     options = ReplayOptions(
         every=arguments.every,
         merge=arguments.merge,
@@ -195,8 +208,8 @@ def _replay(job: Job) -> dict[str, Any]:
         definitions=arguments.definitions,
         overwrite=arguments.overwrite or arguments.out is None,
         held=arguments.memory << 20,
-        inputs=read_inputs(parameters),
-        parameters=parameters,
+        inputs=chosen.inputs if isinstance(chosen.inputs, InputMap) else None,
+        parameters=chosen.parameters,
     )
     size = _megabytes(bag)
     start = time.monotonic()
@@ -206,9 +219,14 @@ def _replay(job: Job) -> dict[str, Any]:
             if bar is not None:
                 bar.show(share * size, f"{samples / max(time.monotonic() - start, 1e-9):,.0f} samples/s")
 
-        result = replay(bag, job.out, configuration, options, show)
+        result = replay(bag, job.out, chosen.configuration, options, show)
         show(1.0, result.samples)
-    return summary(bag, job.out, arguments.params or str(parameters), result)
+    findings = [f for f in found.findings if f.level != NOTE]
+    return summary(bag, job.out, arguments.params or _source(chosen), result, findings)
+
+
+def _source(chosen: Chosen) -> str:
+    return str(chosen.parameters) if isinstance(chosen.parameters, Path) else chosen.source
 
 
 def _megabytes(bag: Path) -> float:
@@ -216,12 +234,13 @@ def _megabytes(bag: Path) -> float:
     return max(sum(file.stat().st_size for file in files if file.is_file()), 1) / 1e6
 
 
-def summary(bag: Path, out: Path, parameters: str, result: Replay) -> dict[str, Any]:
-    """Return what a replay gave, for JSON."""
+def summary(bag: Path, out: Path, parameters: str, result: Replay, findings: Sequence[Finding] = ()) -> dict[str, Any]:
+    """Return what a replay gave, for JSON; times are flight time."""
     first, last = result.span or (0, 0)
+    origin = origin_of(first)
     events = [
         {
-            "time_s": stamp * 1e-9,
+            "time_s": (stamp - origin) * 1e-9,
             "kind": event.kind.name.lower(),
             "equations": list(event.equations),
             "suspected_effector": event.suspected_effector,
@@ -235,8 +254,9 @@ def summary(bag: Path, out: Path, parameters: str, result: Replay) -> dict[str, 
         "parameters": parameters,
         "samples": result.samples,
         "models": result.models,
-        "start_s": first * 1e-9,
-        "end_s": last * 1e-9,
+        "origin_s": origin * 1e-9,
+        "start_s": (first - origin) * 1e-9,
+        "end_s": (last - origin) * 1e-9,
         "alarms": sum(event["kind"] == "detected" for event in events),
         "events": events,
         "refused": result.refused,
@@ -244,6 +264,8 @@ def summary(bag: Path, out: Path, parameters: str, result: Replay) -> dict[str, 
         "wall_time_s": round(result.wall_time, 3),
         "samples_per_s": round(result.samples / result.wall_time),
         "warnings": result.warnings,
+        "findings": [dataclasses.asdict(f) for f in findings],
+        "reliable": [{**k._asdict(), "time": round(k.time - origin * 1e-9, 6)} for k in result.known],
     }
 
 
@@ -259,8 +281,23 @@ def describe(result: dict[str, Any]) -> str:
         f"  alarms      {result['alarms']}",
     ]
     lines += [f"    {event['time_s']:.3f} s  {event['kind']:<10}{event['description']}" for event in result["events"]]
+    lines += _known(result["reliable"])
+    lines += [f"  inspected   {f['level']}: {f['where']}: {f['what']}" for f in result["findings"]]
     lines.append(f"  speed       {result['samples_per_s']:,} samples/s ({result['wall_time_s']:.2f} s)")
     return "\n".join(lines)
+
+
+def _known(reliable: Sequence[dict[str, Any]]) -> list[str]:
+    """Return what was reliable at its best, a line for each equation."""
+    lines = [f"  reliable    {len(reliable)} numbers of A and B, each at its best (*: not excited at the end)"]
+    for row in dict.fromkeys(k["row"] for k in reliable):
+        cells = [
+            f"{k['column']} {k['value']:.3g} ± {k['std']:.2g}{'' if k['now'] else '*'} ({k['time']:.1f} s)"
+            for k in reliable
+            if k["row"] == row
+        ]
+        lines += [f"    d{row}/dt: {', '.join(cells)}"]
+    return lines
 
 
 def table(results: Sequence[dict[str, Any]]) -> str:

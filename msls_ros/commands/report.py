@@ -1,4 +1,4 @@
-"""`report`: one self-contained HTML page of a recorded flight, and its figures as PNG."""
+"""`report`: one self-contained HTML page of a recorded flight."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.offline.report_data import gather
 from msls_ros.report.errors import ReportError
+from msls_ros.report.flight_report import make_report
 
 _EPILOG = """\
-The page needs no other file. It shows what the bag holds and lists what is missing: truth, models (the inputs are then
-identified offline), the end of a bag that was cut off. The detector's statistic is recomputed from the inputs where the
-configuration is known: --params, or identifier.yaml in the bag's folder.
+The page needs no other file. Any log will do: a bag of msls_msgs, with or without models; one of other topics, or a log
+of PX4 or ArduPilot, read with --params or with a map made from its topics (see inspect --suggest). What a log lacks is
+identified from its inputs where the configuration is known: --params, or identifier.yaml in the bag's folder.
 """
 PAGE = "report.html"
+_SHIPPED = Path(__file__).resolve().parents[2] / "bags"
 
 
 def parser() -> argparse.ArgumentParser:
@@ -29,10 +31,10 @@ def parser() -> argparse.ArgumentParser:
     result = OneLineParser(
         prog="report",
         formatter_class=argparse.RawDescriptionHelpFormatter,
-        description="Write a report of a recorded flight: one HTML page without external files, and PNG figures.",
+        description="Write a report of a recorded flight: one HTML page without external files.",
         epilog=_EPILOG,
     )
-    result.add_argument("bag", type=Path, metavar="BAG", help="bag directory, or a .mcap, .db3 or .bag file")
+    result.add_argument("bag", type=Path, metavar="BAG", help="bag directory or file, .ulg of PX4, .bin of ArduPilot")
     result.add_argument("--out", type=Path, metavar="DIR", help="folder for the report (default: beside the bag)")
     result.add_argument(
         "--parameter",
@@ -61,8 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if arguments.json:
         print(json.dumps(summary, indent=2))
     else:
-        print_text("\n".join([*summary["headline"], "", f"written: {summary['report']}"]))
-        print(f"         {len(summary['figures'])} figures (PNG) beside it")
+        print_text("\n".join([*summary["verdict"], "", f"written: {summary['report']}"]))
     return 0
 
 
@@ -82,20 +83,22 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         )
         bar.show(60.0, "drawing")
         _make_folder(out)
-        from msls_ros.report.flight_report import FIGURES, make_report  # matplotlib takes a second to import
-
         report = make_report(flight, arguments.parameter)
         bar.show(100.0, "done")
-    figures = [(out / f"{drawn.name}.png", drawn.png) for drawn in report.figures]
     page = out / PAGE
-    _write(out, [(page, report.html.encode("utf-8")), *figures], [out / f"{name}.png" for name in FIGURES])
+    try:
+        page.write_text(report.html, encoding="utf-8")
+    except OSError as error:
+        message = f"the folder '{out}' cannot be written: {error.strerror}"
+        raise OSError(message) from error
     for warning in flight.warnings:
         print(f"report: warning: {warning}", file=sys.stderr)
     return {
         "report": str(page),
-        "figures": [str(path) for path, _ in figures],
+        "figures": report.figures,
+        "sections": report.sections,
         "bytes": len(report.html.encode("utf-8")),
-        "headline": report.headline,
+        "verdict": report.verdict,
         "parameters": report.parameters,
         "samples": flight.samples,
         "alarms": len(flight.alarms),
@@ -110,27 +113,24 @@ _SHARE = {"reading": lambda share: 20.0 * share, "identifying": lambda share: 20
 
 
 def default_folder(bag: Path) -> Path:
-    """Return where a bag's report goes by default: beside the bag."""
+    """Return where a bag's report goes by default: beside the bag; of a shipped one into ``out/report``."""
     whole = bag.resolve()
     name = whole.name.split(".")[0] if whole.is_file() else whole.name
+    if whole.parent == _SHIPPED:
+        return Path("out") / "report" / name
     return whole.parent / ("report" if name == "bag" else f"{name}_report")
 
 
 def remove_report(folder: Path) -> None:
-    """Take away a report and its figures; whatever else is in the folder stays.
+    """Take away a report; whatever else is in the folder stays.
 
     Raises
     ------
     OSError
         If a file cannot be deleted.
     """
-    if not (folder / PAGE).is_file():
-        return
-    from msls_ros.report.flight_report import FIGURES
-
-    for path in [folder / PAGE, *(folder / f"{name}.png" for name in FIGURES)]:
-        path.unlink(missing_ok=True)
-    if not any(folder.iterdir()):
+    (folder / PAGE).unlink(missing_ok=True)
+    if folder.is_dir() and not any(folder.iterdir()):
         folder.rmdir()
 
 
@@ -138,18 +138,6 @@ def _make_folder(out: Path) -> None:
     """Make the folder before anything is drawn for it."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        message = f"the folder '{out}' cannot be written: {error.strerror}"
-        raise OSError(message) from error
-
-
-def _write(out: Path, files: Sequence[tuple[Path, bytes]], ours: Sequence[Path]) -> None:
-    """Write the files, and take away figures of an earlier report that this one does not have."""
-    try:
-        for path, content in files:
-            path.write_bytes(content)
-        for path in set(ours) - {path for path, _ in files}:
-            path.unlink(missing_ok=True)
     except OSError as error:
         message = f"the folder '{out}' cannot be written: {error.strerror}"
         raise OSError(message) from error

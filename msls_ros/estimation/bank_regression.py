@@ -12,7 +12,8 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import Difference, invert, upper_factor
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.state import Output, make_output
+from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.state import Output, forget_sample, make_output
 
 GROUPS = 4
 """Most groups of rows with a history of their own."""
@@ -96,12 +97,15 @@ class BankRegression:
         return make_output(samples, len(self.theta), self.settings.effectors_to - self.settings.effectors_from)
 
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
-        """Take samples from ``start`` on; return the index after the last one taken."""
+        """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
             self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
-        done = advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed)
+        done = int(advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
         self.noise[:] = self._observed[1][done - 1]
-        return int(done)
+        if out.restart[done - 1] != SOUND:
+            self.reset()
+            forget_sample(out, done - 1)
+        return done
 
     def observe(self, time: Array, noise: Array) -> None:
         """Take time, (n,) [s], and variance of the noise in the states, (n, r), of the samples that come next."""

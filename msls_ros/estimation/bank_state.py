@@ -153,6 +153,8 @@ class BankState(NamedTuple):
     """(r, p, p) factor of the leading member before that alarm."""
     variance_before: Array
     """(r,) residual variance, corrected for colour, before that alarm."""
+    misfits: Integers
+    """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
     """(1,) samples since the last reset."""
     learning: Integers
@@ -248,6 +250,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         theta_before=np.zeros((rows, p)),
         R_before=np.zeros((rows, p, p)),
         variance_before=np.zeros(rows),
+        misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
         learning=np.zeros(1, np.int64),
         waiting=np.zeros(groups, np.int64),

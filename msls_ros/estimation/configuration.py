@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.sections import (
     Bounds,
     DetectorParameters,
@@ -163,7 +163,7 @@ def from_mapping(values: Mapping[str, Any]) -> Configuration:
     sections: dict[str, dict[str, Any]] = {}
     for name, value in flat.items():
         if name not in known:
-            message = f"parameter '{name}' does not exist; there are {', '.join(sorted(known))}"
+            message = f"parameter '{name}' does not exist{nearest(name, known)}; there are {', '.join(sorted(known))}"
             raise EstimationError(message)
         section, _, leaf = name.rpartition(".")
         sections.setdefault(section, {})[leaf] = _convert(name, value, known[name][0])

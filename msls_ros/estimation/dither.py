@@ -17,7 +17,8 @@ import numpy as np
 
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither_answer import FROZEN, DitherBlock
-from msls_ros.estimation.dither_law import Comb, Knowledge, Law, inject
+from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law
+from msls_ros.estimation.dither_law import inject
 from msls_ros.estimation.dither_limits import (
     CAP,
     CORNER,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
@@ -18,25 +17,23 @@ from msls_ros.estimation.dither_answer import (
     NOT_FINITE,
     DitherBlock,
 )
+from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law
 from msls_ros.estimation.dither_limits import (
     ACHIEVED,
     CAP,
     CORNER,
-    LONGEST,
-    MOST,
-    PROMISED,
     SEQUENCE,
     WEIGHT,
     Effectors,
     boost,
     command_gain,
     elapse,
-    left_of_window,
     move,
     note_reached,
     settle,
     spend,
 )
+from msls_ros.estimation.dither_window import hold_back, modelled_square, rest
 from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
@@ -52,65 +49,6 @@ LARGE = 1e200
 """More than any effect squared; keeps what is unknown and gets nothing finite."""
 START = 0.1
 """An effector of which nothing is known gets at least this part of `dither.cap_unreliable`."""
-
-
-class Law(NamedTuple):
-    """What the compiled law needs to know; m effectors."""
-
-    enabled: bool
-    limit_nominal: float
-    limit_boosted: float
-    """[g]"""
-    boost_duration: float
-    boost_budget: float
-    stale_after: float
-    period: float
-    """[s]"""
-    cap_unreliable: float
-    """Rms of a surface while its column is not excited, for a weight of 1 [rad]."""
-    excitation: float
-    """Least excitation of a column that counts as excited [1]."""
-    known_error: float
-    """Relative error of what counts as known [1]."""
-    target_error: float
-    """Relative error to which an effector need be known; 0: as well as the limit allows [1]."""
-    worst_case: bool
-    information: bool
-    rest: float
-    """Square of an acceleration, integrated while the slowest actuator comes to rest, over the square at once [s]."""
-    activity_nominal: float
-    activity_boosted: float
-    """Largest rms rate of a surface by the dither; 0: not limited [rad/s]."""
-    station: Array
-    """(3,) l1, l2, l3 [m]."""
-    rows: Integers
-    """(6,) index of u, v, w, P, Q, R among the rows; negative where absent."""
-
-
-class Knowledge(NamedTuple):
-    """What the estimator says of B at each of n samples; r rows, m effectors."""
-
-    b: Array
-    """(n, r, m) estimates."""
-    variance: Array
-    """(n, r, m) their variances; infinite where nothing is known."""
-    excitation: Array
-    """(n, m) least excitation of each column in any row [1]."""
-    alarm: Integers
-    """(n, r) 1 where an abrupt change was declared."""
-
-
-class Comb(NamedTuple):
-    """Multisines, one for each of m effectors."""
-
-    period: float
-    """[s]; 0: none."""
-    frequencies: Array
-    """(m, h) [Hz]."""
-    phases: Array
-    """(m, h) [cycles]."""
-    origin: Array
-    """(1,) time at which they began [s]."""
 
 
 @compiled
@@ -227,38 +165,6 @@ def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: 
 
 
 @compiled
-def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float, scratch: Array) -> float:
-    """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
-
-    Now, or ``ahead`` [s] of now when ``part`` of the last commands has been held so long.
-    """
-    axial = lateral = normal = 0.0
-    for j in range(x.surface.shape[0]):
-        felt(b, law.rows, law.station, j, scratch)
-        surface = x.surface[j]
-        if ahead > 0.0:
-            corner = x.limits[j, CORNER]
-            pole = exponential(-corner * ahead) if corner > 0.0 else 0.0
-            surface += (1.0 - pole) * (part * x.command[j] - surface)
-        axial += scratch[0] * surface
-        lateral += scratch[1] * surface
-        normal += scratch[2] * surface
-    return axial * axial + lateral * lateral + normal * normal
-
-
-@compiled
-def held_square(law: Law, x: Effectors, b: Array, hold: float, part: float, scratch: Array) -> float:
-    """Integral of the square over ``hold`` s of ``part`` of the commands, and until the surfaces rest [m^2/s^3].
-
-    Simpson's rule over the hold; what follows decays with the slowest actuator.
-    """
-    now = modelled_square(law, x, b, 0.0, part, scratch)
-    middle = modelled_square(law, x, b, 0.5 * hold, part, scratch)
-    then = modelled_square(law, x, b, hold, part, scratch)
-    return hold * (now + 4.0 * middle + then) / 6.0 + law.rest * then
-
-
-@compiled
 def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Array, scratch: Array) -> bool:
     """Fill in ``E[g_j^2]`` (m,); return whether all of B is finite.
 
@@ -358,14 +264,6 @@ def inject(
 
 
 @compiled
-def rest(law: Law, x: Effectors, time: float, dt: float) -> None:
-    """Nothing is commanded from ``time`` on; what the surfaces are felt as for ``dt`` s counts against the window."""
-    if dt > 0.0 and law.rest > 0.0:
-        spend(x, time, 2.0 * law.rest, 0.0)
-    settle(x, dt)
-
-
-@compiled
 def reason(law: Law, binds: bool, unexcited: bool, lowered: bool) -> int:
     """Return the index into `REASONS` of what decides the rms."""
     if lowered:
@@ -386,34 +284,6 @@ def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
         comb.origin[0] = time
     multisine(time - comb.origin[0], comb.frequencies, comb.phases, corners, out)
     return True
-
-
-@compiled
-def hold_back(
-    law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
-) -> None:
-    """Lower the commands ``out`` (m,) where, held, they would overdraw the window.
-
-    Held for the longest interval of late they may fill it to `MOST`, and for `stale_after`, if no sample comes, to
-    `PROMISED`. The integral is a quadratic in the part of the commands that is sent.
-    """
-    for unforeseen in range(2):
-        hold, most = (law.stale_after, PROMISED) if unforeseen else (x.clock[LONGEST], MOST)
-        allowed = left_of_window(x, hold + 2.0 * law.rest, most) / unit
-        whole = held_square(law, x, b, hold, 1.0, scratch)
-        if whole <= allowed:
-            continue
-        nothing = held_square(law, x, b, hold, 0.0, scratch)
-        half = held_square(law, x, b, hold, 0.5, scratch)
-        square = 2.0 * (whole + nothing) - 4.0 * half
-        linear = whole - nothing - square
-        part = 0.0
-        if square > 0.0:
-            root = linear * linear - 4.0 * square * (nothing - allowed)
-            part = (-linear + math.sqrt(max(root, 0.0))) / (2.0 * square)
-        part = min(max(part, 0.0), 1.0)
-        for j in range(out.shape[0]):
-            out[j] = move(x, j, part * out[j], delta[j], dt)
 
 
 @compiled

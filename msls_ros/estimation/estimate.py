@@ -20,11 +20,12 @@ class EventKind(enum.IntEnum):
     DETECTED = 1
     ISOLATED = 2
     RECOVERED = 3
+    RESET = 4
 
 
 @dataclass(frozen=True)
 class FaultEvent:
-    """An abrupt change: found, attributed, or over."""
+    """An abrupt change: found, attributed, or over; or numbers that ended the estimate, which begins anew."""
 
     time: float
     """Of the sample at which it was found [s]."""

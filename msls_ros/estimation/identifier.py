@@ -19,7 +19,7 @@ from msls_ros.estimation.compiled import compiled, warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
 from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
-from msls_ros.estimation.dither_law import Knowledge
+from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
@@ -28,6 +28,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
@@ -316,6 +317,8 @@ class Identifier:
             stop = done + 1 if self._supervisor.watching else count
             done = self._regression.advance_into(out, phi, y, done, stop)
             now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            if out.restart[done - 1] != SOUND:
+                self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
             if alarm.any():
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)

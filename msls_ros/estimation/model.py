@@ -119,7 +119,7 @@ def fill_model(
             rho = state.rho[state.group[q], i]
             out.excitation[i] = min(out.excitation[i], rho)
             allowed = max(layout.relative_error * abs(theta), layout.tolerance[i])
-            reliable = rho >= layout.excitation and errors[i] <= allowed and watched
+            reliable = rho >= layout.excitation and errors[i] <= allowed and watched and state.misfits[q] == 0
             if i < r:
                 column = layout.kept[i]
                 out.a[row, column] += theta
@@ -177,7 +177,9 @@ def fill_bank_model(
             j = (i + 1) % (last + 1)
             theta = state.theta[q, i]
             out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
-            reliable = errors[i] <= max(layout.relative_error * abs(theta), layout.tolerance[i])
+            reliable = (
+                errors[i] <= max(layout.relative_error * abs(theta), layout.tolerance[i]) and state.misfits[q] == 0
+            )
             if i == last:
                 out.bias[row] += theta
                 continue

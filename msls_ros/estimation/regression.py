@@ -16,7 +16,18 @@ from msls_ros.estimation.kernel import Array, Integers, make_work
 from msls_ros.estimation.reference import moving_air
 from msls_ros.estimation.rows import advance
 from msls_ros.estimation.settings import loop_settings
-from msls_ros.estimation.state import COLOURS, PRIOR_MSLS, PRIOR_RLS, Output, Settings, clear, make_output, make_state
+from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.state import (
+    COLOURS,
+    PRIOR_MSLS,
+    PRIOR_RLS,
+    Output,
+    Settings,
+    clear,
+    forget_sample,
+    make_output,
+    make_state,
+)
 from msls_ros.estimation.uncertainty import row_uncertainty
 
 
@@ -151,6 +162,8 @@ class Regression:
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on, as `advance`; return the index after the last one taken.
 
+        Where that one was too much, everything is forgotten; ``out.restart`` says so.
+
         Parameters
         ----------
         out
@@ -160,7 +173,11 @@ class Regression:
         start, stop
             Of the samples to take.
         """
-        return advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
+        done = advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
+        if out.restart[done - 1] != SOUND:
+            self.reset()
+            forget_sample(out, done - 1)
+        return done
 
     def run(self, phi: Array, y: Array) -> tuple[Array, Array, Integers]:
         """Take all samples; return the estimates, their standard errors and the alarms after each.

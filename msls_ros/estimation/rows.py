@@ -20,6 +20,16 @@ from msls_ros.estimation.detection import sense_change
 from msls_ros.estimation.kernel import Array, Integers, Work, inverse_diagonal, msls_gain, rls_gain
 from msls_ros.estimation.reference import follow_reference
 from msls_ros.estimation.residuals import observe_residual, propagate_autocorrelated
+from msls_ros.estimation.soundness import (
+    LARGEST_ESTIMATE,
+    LARGEST_VARIANCE,
+    MISFIT,
+    NOT_FINITE,
+    SOUND,
+    all_within,
+    count_misfits,
+    share,
+)
 from msls_ros.estimation.state import Output, Settings, State, clear_group
 
 
@@ -69,9 +79,33 @@ def advance(
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
-        if any_alarm:
+        out.restart[n] = judge_soundness(s, x, y[n], out.e[n])
+        if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def judge_soundness(s: Settings, x: State, y: Array, e: Array) -> int:
+    """Say whether, and why, everything is to be forgotten after a sample; see `soundness`."""
+    p = x.theta.shape[1]
+    if count_misfits(x.misfits, y, e) >= 2 * p:
+        return MISFIT
+    if not all_within(x.theta, LARGEST_ESTIMATE):
+        return NOT_FINITE
+    if s.confounded and not all_within(x.reference_theta, LARGEST_ESTIMATE):
+        return NOT_FINITE
+    for q in range(x.group.shape[0]):
+        g = x.group[q]
+        if q > 0 and g == x.group[q - 1]:
+            continue
+        for i in range(p):
+            if s.rls and not 0.0 < x.R[g, i, i] <= LARGEST_VARIANCE:
+                return NOT_FINITE
+            for m in range(s.colours.shape[0]):
+                if not abs(x.P[g, m, i, i]) <= LARGEST_VARIANCE:
+                    return NOT_FINITE
+    return SOUND
 
 
 @compiled
@@ -103,7 +137,7 @@ def update_group(s: Settings, x: State, g: int, phi: Array, y: Array, e: Array, 
         msls_gain(x.R[g], x.omega[g], phi, w0, factor, forgetting, s.retained, work)
         inverse_diagonal(work.S, work.W, work.z)
         for i in range(p):
-            x.rho[g, i] = 1.0 - x.omega[g, i] * work.z[i] if x.omega[g, i] > 0.0 else 1.0
+            x.rho[g, i] = share(1.0 - x.omega[g, i] * work.z[i]) if x.omega[g, i] > 0.0 else 1.0
     x.age[g] += 1
     propagate_autocorrelated(s, x, g, phi, work)
     for q in range(y.shape[0]):

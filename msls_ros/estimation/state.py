@@ -13,6 +13,7 @@ import numpy as np
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.soundness import SMALLEST_PENALTY
 
 COLOURS = (0.0, 0.7, 0.9, 0.97, 0.995)
 """Coefficients of the AR(1) residuals for which the covariance is propagated; estimates in between are interpolated."""
@@ -139,6 +140,8 @@ class State(NamedTuple):
     """(2,) weighted sum of the squared deviations of the estimates from it over their variances, and of the weights."""
     air: Array
     """(1,) share of the motion through the air that is the air's (`gusts`) [1]."""
+    misfits: Integers
+    """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
     """(1,) samples since the last reset."""
 
@@ -160,6 +163,8 @@ class Output(NamedTuple):
     """(n, m) least excitation of each effector in any group."""
     followed: Array
     """(n,) one estimate after each sample; NaN where none is followed."""
+    restart: Integers
+    """(n,) why everything is to be forgotten after a sample; see `soundness`."""
 
 
 def make_state(settings: Settings, rows: int) -> State:
@@ -197,6 +202,7 @@ def make_state(settings: Settings, rows: int) -> State:
         lag_one=np.zeros((rows, 2)),
         deviation=np.zeros(2),
         air=np.zeros(1),
+        misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
     )
 
@@ -207,7 +213,17 @@ def make_output(samples: int, rows: int, effectors: int) -> Output:
     followed = np.empty(samples)
     followed.fill(math.nan)
     e, statistic, alarm = np.zeros(shape), np.zeros(shape), np.zeros(shape, np.int64)
-    return Output(e, statistic, alarm, np.zeros(columns), np.zeros(columns), np.zeros((samples, effectors)), followed)
+    b, variance, excitation = np.zeros(columns), np.zeros(columns), np.zeros((samples, effectors))
+    return Output(e, statistic, alarm, b, variance, excitation, followed, np.zeros(samples, np.int64))
+
+
+def forget_sample(out: Output, n: int) -> None:
+    """Say of sample n what is known once everything is forgotten: nothing."""
+    for array in (out.e, out.statistic, out.alarm, out.b, out.excitation):
+        array[n] = 0
+    out.b_variance[n] = math.inf
+    if not math.isnan(out.followed[n]):
+        out.followed[n] = 0.0
 
 
 @compiled
@@ -217,7 +233,7 @@ def clear_group(s: Settings, x: State, g: int) -> None:
     x.age[g] = 0
     for i in range(p):
         w0 = s.penalty[i] * s.scale[i]
-        variance = s.prior / (s.scale[i] * s.scale[i] if s.rls or w0 == 0.0 else w0 * w0)
+        variance = s.prior / (s.scale[i] * s.scale[i] if s.rls or w0 < SMALLEST_PENALTY * s.scale[i] else w0 * w0)
         x.omega[g, i] = 0.0
         x.rho[g, i] = 0.0
         for k in range(p):
@@ -244,6 +260,7 @@ def clear(s: Settings, x: State) -> None:
         x.group[q] = 0
         x.filled[q] = 0
         x.pending[q] = 0
+        x.misfits[q] = 0
         x.hold[q] = s.hold_off
         x.e[q] = math.nan
         x.y_ms[q] = 0.0

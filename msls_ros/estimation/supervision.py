@@ -13,7 +13,13 @@ from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.soundness import MISFIT, NOT_FINITE
 from msls_ros.estimation.surfaces import read_surfaces
+
+_REASONS = {
+    NOT_FINITE: "with these samples and settings its numbers left the range of what can be computed",
+    MISFIT: "for long its predictions were absurd, more than ten times what was measured",
+}
 
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
@@ -80,6 +86,21 @@ class Supervisor:
         text = f"abrupt change in {equations}: the prediction error jumped at {time:.3f} s"
         limits = (self._threshold,) * len(found)
         return FaultEvent(time, EventKind.DETECTED, names, values, limits, description=text)
+
+    def restart(self, time: float, why: int) -> FaultEvent:
+        """Return the event of an estimator that forgot everything; nothing is watched any more.
+
+        Parameters
+        ----------
+        time
+            Of the sample [s].
+        why
+            See `soundness`.
+        """
+        self._isolating.clear()
+        self._recovering.clear()
+        text = f"the estimate begins anew at {time:.3f} s: {_REASONS[why]}"
+        return FaultEvent(time, EventKind.RESET, tuple(self._c.rows), (), (), description=text)
 
     def follow(self, time: float, regression: Engine) -> list[FaultEvent]:
         """Return what the sample at ``time`` says of the alarms that are watched."""

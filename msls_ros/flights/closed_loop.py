@@ -13,7 +13,10 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from msls_ros.control import PilotCommand, Status
 from msls_ros.estimation import Configuration, Dither, Estimate, EventKind, FaultEvent, Identifier
+from msls_ros.flights.steering import LawPlan, Steering, Stick
+from msls_ros.flights.tracking import departed
 from msls_ros.plant import (
     CONDITIONS,
     Aircraft,
@@ -107,6 +110,12 @@ class Flight:
     """Sensors as they are on real aircraft."""
     gusts: float = 0.0
     """Rms of first-order gusts [m/s]."""
+    law: LawPlan | None = None
+    """A law that redesigns itself; None: the pilot's fixed law alone."""
+    latency: int = 0
+    """Samples by which commands reach the actuators late."""
+    until_departure: bool = False
+    """End when the aircraft departs, instead of an error when it diverges."""
 
 
 @dataclass
@@ -127,11 +136,29 @@ class FlightLog:
     """The estimate that was asked for."""
     truths: dict[int, LinearTruth] = field(default_factory=dict)
     """By sample."""
+    flown: list[Array] = field(default_factory=list)
+    """True states."""
+    asked: list[PilotCommand] = field(default_factory=list)
+    """What the pilot wanted; of the fixed law too."""
+    statuses: list[Status] = field(default_factory=list)
+    """Of the law, where it is not the fixed one."""
+    departed: str = ""
+    """Why the flight ended early; empty: it did not."""
 
     @property
     def events(self) -> list[FaultEvent]:
         """Every event, in order."""
         return [event for estimate in self.estimates for event in estimate.events]
+
+    @property
+    def asked_roll(self) -> Array:
+        """Commanded roll rates (n,) [rad/s]."""
+        return np.array([one.roll_rate for one in self.asked])
+
+    @property
+    def asked_alpha(self) -> Array:
+        """Commanded angles of attack (n,) [rad]."""
+        return np.array([one.alpha for one in self.asked])
 
     def alarms(self, rows: Sequence[str] = RIGID_BODY) -> list[float]:
         """Times of the alarms in any of these equations [s]."""
@@ -172,46 +199,88 @@ def fly(
     PlantError
         For a condition, noise level or turbulence that does not exist, or a flight that diverges.
     """
-    rates, condition = flight.rates, _condition(flight.condition)
-    aircraft = Aircraft(
-        condition,
-        rate=rates.flight_dynamics,
-        turbulence=flight.turbulence,
-        seed=flight.seed,
-        gusts=flight.gusts,
-    )
-    pilot = make_pilot(*still_air(condition), flight.manoeuvre)
-    sensors = make_sensors(flight.instruments, flight.noise, flight.seed)
-    measure = flight.measure or sensors.measure
-    identifier, log = Identifier(configuration), FlightLog()
+    loop = _Loop(configuration, flight)
     if follow is not None:
-        identifier.follow(*follow)
-    faults = FaultSchedule(flight.faults, rates.period)
-    command = aircraft.trim.delta
-    for k in range(round(flight.duration / rates.period)):
-        if sensors.lost():
-            _step(aircraft, sensors, faults, k, command, rates.steps)
-            continue
-        at = len(log.time)
-        measured = measure(aircraft.sample())
+        loop.identifier.follow(*follow)
+    log = loop.log
+    for k in range(round(flight.duration / flight.rates.period)):
+        if not loop.sensors.lost():
+            loop.sample(k, follow is not None, sparse)
+            if flight.until_departure and log.departed:
+                break
+        try:
+            loop.step(k)
+        except PlantError as error:
+            if not flight.until_departure:
+                raise
+            log.departed = log.departed or str(error)
+            break
+    return log
+
+
+class _Loop:
+    """The parts of a flight, and what is in them between samples."""
+
+    def __init__(self, configuration: Configuration, flight: Flight) -> None:
+        rates, condition = flight.rates, _condition(flight.condition)
+        self.flight = flight
+        self.aircraft = Aircraft(
+            condition,
+            rate=rates.flight_dynamics,
+            turbulence=flight.turbulence,
+            seed=flight.seed,
+            gusts=flight.gusts,
+        )
+        trim, truth = still_air(condition)
+        self.pilot = make_pilot(trim, truth, flight.manoeuvre)
+        self.stick = Stick(flight.manoeuvre, trim.alpha)
+        self.steering = None if flight.law is None else Steering(flight.law, trim, truth, flight.manoeuvre)
+        self.sensors = make_sensors(flight.instruments, flight.noise, flight.seed)
+        self.measure = flight.measure or self.sensors.measure
+        self.identifier, self.log = Identifier(configuration), FlightLog()
+        self.faults = FaultSchedule(flight.faults, rates.period)
+        self._commands = [self.aircraft.trim.delta] * (flight.latency + 1)
+
+    def sample(self, k: int, follow: bool, sparse: bool) -> None:
+        """Measure, identify, answer."""
+        log, identifier, at = self.log, self.identifier, len(self.log.time)
+        true = self.aircraft.sample()
+        measured = self.measure(true)
         time = round(measured.time * 1e9) * 1e-9  # as messages carry it
         dither = identifier.learn(time, measured.x, measured.xdot, measured.delta)
         log.time.append(time)
         log.x.append(measured.x)
         log.xdot.append(measured.xdot)
         log.delta.append(measured.delta)
-        due = at % rates.truth_every == 0 or faults.turns(k)
+        due = at % self.flight.rates.truth_every == 0 or self.faults.turns(k)
         if due:
-            log.truths[at] = aircraft.truth()
+            log.truths[at] = self.aircraft.truth()
         log.dithers.append(dither)
-        if due or not sparse or identifier.news:
-            log.estimates.append(identifier.estimate(time, measured.x))
+        wanted = self.steering is not None and self.steering.wants_model(time)
+        estimate = None
+        if due or not sparse or identifier.news or wanted:
+            estimate = identifier.estimate(time, measured.x)
+            log.estimates.append(estimate)
             log.estimated.append(at)
-        if follow is not None:
+        if follow:
             log.followed.append(identifier.followed)
-        command = pilot.command(time, measured.x) + dither.delta
-        _step(aircraft, sensors, faults, k, command, rates.steps)
-    return log
+        log.flown.append(true.x)
+        log.asked.append(self.stick.command(time, float(measured.x[6])))
+        if self.flight.until_departure:
+            log.departed = departed(true.x, log.asked[-1].alpha)
+        command = self.pilot.command(time, measured.x)
+        if self.steering is not None:
+            alarm = estimate is not None and any(one.kind == EventKind.DETECTED for one in estimate.events)
+            news = estimate if wanted or alarm else None
+            truth = self.aircraft.truth() if self.steering.wants_truth(time) else None
+            command, status = self.steering.answer(measured, time, command, dither.delta, news, truth)
+            log.statuses.append(status)
+        self._commands.append(command + dither.delta)
+        self._commands.pop(0)
+
+    def step(self, k: int) -> None:
+        """Fly to the next sample."""
+        _step(self.aircraft, self.sensors, self.faults, k, self._commands[0], self.flight.rates.steps)
 
 
 def _step(aircraft: Aircraft, sensors: RealSensors, faults: FaultSchedule, k: int, command: Array, steps: int) -> None:

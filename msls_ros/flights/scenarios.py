@@ -15,6 +15,8 @@ from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.flights.aircraft_files import DEFAULT, AircraftData, find_aircraft
 from msls_ros.flights.closed_loop import Flight, Rates
+from msls_ros.flights.random_failures import RandomFailures
+from msls_ros.flights.scenario_law import LAW_KEYS, LawChoice, read_law, read_random_failures
 from msls_ros.flights.scenario_yaml import ScenarioError, Section, load, shown, suggestion
 from msls_ros.flights.sensors_yaml import first_word, read_sensors, rest
 from msls_ros.flights.watch import ROLL_POWER, ROWS, Watch
@@ -44,7 +46,7 @@ KEYS = (
     *("gusts", "sensors", "rates", "faults", "watch", "identifier"),
 )
 RATES = ("flight_dynamics", "sensors", "truth")
-FAULT = ("effector", "time", "effectiveness", "ramp", "stuck", "bias")
+FAULT = ("effector", "time", "effectiveness", "ramp", "stuck", "bias", "hard_over")
 IDENTIFIER = ("profile", "parameters")
 LONGEST = 36_000.0
 """[s]"""
@@ -96,6 +98,10 @@ class Scenario:
     """Rms of first-order gusts [m/s]."""
     instruments: Instruments | None = None
     """Sensors as they are on real aircraft."""
+    law: LawChoice = field(default_factory=LawChoice)
+    """Which control law flies."""
+    random_failures: RandomFailures | None = None
+    """Instead of `faults`: others with each seed."""
 
     @property
     def airframe(self) -> Airframe:
@@ -115,23 +121,28 @@ class Scenario:
     @property
     def has_fault(self) -> bool:
         """Whether anything breaks."""
-        return bool(self.faults)
+        return bool(self.faults) or self.random_failures is not None
+
+    def faults_of(self, seed: int) -> tuple[Fault, ...]:
+        """Return what breaks in the flight with a seed."""
+        return self.faults if self.random_failures is None else self.random_failures.draw(seed, self.airframe)
 
     @property
     def fault_spans(self) -> tuple[tuple[float, float], ...]:
         """For each fault the time of the sample after which it strikes, and the end of its ramp [s]."""
-        starts = [(fault.sample(self.rates.period) / self.rates.sensors, fault.ramp) for fault in self.faults]
+        faults = self.faults_of(0)[:1] if self.random_failures is not None else self.faults
+        starts = [(fault.sample(self.rates.period) / self.rates.sensors, fault.ramp) for fault in faults]
         return tuple((start, start + ramp) for start, ramp in starts)
 
     @property
     def fault_start(self) -> float | None:
         """When the first fault strikes [s]; None: nothing breaks."""
-        return self.fault_spans[0][0] if self.faults else None
+        return self.fault_spans[0][0] if self.has_fault else None
 
     @property
     def fault_end(self) -> float | None:
         """When everything that breaks has broken: the end of the last ramp [s]; None: nothing breaks."""
-        return max(end for _, end in self.fault_spans) if self.faults else None
+        return max(end for _, end in self.fault_spans) if self.has_fault else None
 
     def configuration(self, noise: str, seed: int, dither: bool) -> Configuration:
         """Return the identifier's configuration for a noise level, a seed, and with or without dither."""
@@ -145,12 +156,15 @@ class Scenario:
             seed,
             self.duration,
             self.flown,
-            self.faults,
+            self.faults_of(seed),
             self.flight_condition,
             self.turbulence,
             self.rates,
             instruments=self.instruments,
             gusts=self.gusts,
+            law=self.law.plan,
+            latency=self.law.latency,
+            until_departure=self.law.law is not None,
         )
 
 
@@ -205,12 +219,13 @@ def read_scenario(file: Path) -> Scenario:
     ScenarioError
         For a file that is missing or wrong; the sentence names file, key, what was found and what was expected.
     """
-    top = Section(file, "", load(file), KEYS)
+    top = Section(file, "", load(file), (*KEYS, *LAW_KEYS))
     description = top.text("description", "one line of text")
     aircraft = _read_aircraft(top)
     condition = top.word("condition", aircraft.condition_names, aircraft.condition_names[0])
     scale = top.number("manoeuvre_scale", -10.0, 10.0, "", 1.0)
-    manoeuvre = _read_manoeuvre(top, aircraft.airframe, scale)
+    law = read_law(top)
+    manoeuvre = _read_manoeuvre(top, aircraft.airframe, scale, law)
     duration = top.number("duration", 0.1, LONGEST, "s")
     profile, parameters = _read_identifier(top, aircraft.airframe)
     rates = _read_rates(top, aircraft.airframe)
@@ -235,6 +250,8 @@ def read_scenario(file: Path) -> Scenario:
         scale,
         top.number("gusts", 0.0, 30.0, "m/s", 0.0),
         read_sensors(top),
+        law,
+        read_random_failures(top, duration, aircraft.airframe),
     )
 
 
@@ -246,12 +263,16 @@ def _read_aircraft(top: Section) -> AircraftData:
         top.wrap("aircraft", error)
 
 
-def _read_manoeuvre(top: Section, airframe: Airframe, scale: float) -> str:
+def _read_manoeuvre(top: Section, airframe: Airframe, scale: float, law: LawChoice) -> str:
     """Return a manoeuvre as a line: a word, or a list of segments."""
     value = top.get("manoeuvre", None, f"one of {', '.join(MANOEUVRES)}, or a list such as [quiet 10, elevator_3211 8]")
     if not isinstance(value, list):
-        names = MANOEUVRES if airframe.model == OWN_MODEL else ("steady",)
+        names = MANOEUVRES if airframe.model == OWN_MODEL or law.plan is not None else ("steady",)
         return top.word("manoeuvre", names)
+    if law.plan is not None:
+        top.refuse(
+            "manoeuvre", f"is a list of inputs; expected one of {', '.join(MANOEUVRES)}, which law {law.law} flies"
+        )
     text = "; ".join(map(str, value)) + ";"
     try:
         parse_manoeuvre(text, airframe, scale)
@@ -285,7 +306,9 @@ def _read_faults(top: Section, duration: float, period: float, airframe: Airfram
         if time >= duration:
             section.refuse("time", f"is {time:g} s; expected less than the duration of the flight, {duration:g} s")
         try:
-            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias, airframe)
+            driven = section.values.get("hard_over", "none") != "none"
+            hard_over = section.number("hard_over", -1.0, 1.0, "rad, or none") if driven else None
+            fault = Fault(effector, time, effectiveness, ramp, section.flag("stuck", False), bias, hard_over, airframe)
         except PlantError as error:
             section.refuse(first_word(error), rest(error))
         last = round(duration / period) - 1

@@ -26,13 +26,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.inputs.field_paths import listed
-from msls_ros.inputs.input_map import VECTORS, InputMap, StreamInput, TopicInput
+from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput
+from msls_ros.inputs.input_plan import arm, plan
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
 
@@ -113,7 +114,7 @@ class InputAdapter:
         self._report = report
         self._timeline: Timeline[tuple[str, Any]] = Timeline(round(time_jump * 1e9), self._refuse)
         self._states, self._effectors = tuple(states), tuple(effectors)
-        self.methods: Mapping[str, str] = _plan(inputs, self._states, self._effectors)
+        self.methods: Mapping[str, str] = plan(inputs, self._states, self._effectors)
         """How the derivative of each state comes about: see the module."""
         streams = list(inputs.streams.values())
         self._streams = streams
@@ -125,7 +126,7 @@ class InputAdapter:
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
-        self._arm = _arm(inputs, self.methods)
+        self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
         columns = 2 * len(self._states) + len(self._effectors) + 3
@@ -137,6 +138,11 @@ class InputAdapter:
     def topics(self) -> dict[str, str]:
         """Types by topic, as the mapping names them."""
         return {topic.topic: topic.msgtype for topic in self.inputs.topics.values()}
+
+    @property
+    def waiting(self) -> bool:
+        """Whether a message waits for others to confirm its stamp."""
+        return self._timeline.waiting
 
     def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:
         """Take a message.
@@ -180,12 +186,11 @@ class InputAdapter:
     def _use(self, source: TopicInput, stamp: int, message: Any) -> list[Row]:
         """Read a message whose stamp has passed; return what became complete."""
         try:
-            for index, stream in self._of_topic[source.topic]:
-                self._take(index, stream, stamp, message)
+            read = [self._take(index, stream, stamp, message) for index, stream in self._of_topic[source.topic]]
         except EstimationError as error:
             text = f"topic {source.topic} ({source.msgtype}): {error}"
             raise EstimationError(text) from None
-        if source is self.inputs.topics[self.inputs.clock]:
+        if source is self.inputs.topics[self.inputs.clock] and (any(read) or not read):
             self._aligner.tick(stamp - source.delay)
         return [row for t, values in self._aligner.ready() for row in self._rows(t, values)]
 
@@ -204,7 +209,7 @@ class InputAdapter:
         """
         for topic, msgtype in self.topics.items():
             if topic not in topics:
-                message = f"no topic {topic} ({msgtype}); there are {listed(sorted(topics))}"
+                message = f"no topic {topic} ({msgtype}); there are {listed(sorted(topics))}{nearest(topic, topics)}"
                 raise EstimationError(message)
             if topics[topic] != msgtype:
                 message = f"topic {topic} has type {topics[topic]}; the inputs expect {msgtype}"
@@ -233,8 +238,8 @@ class InputAdapter:
         self.refused[refused.reason] += 1
         self._report(refused)
 
-    def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> None:
-        """Read a stream from a message; what cannot be used is refused, the other streams are not."""
+    def _take(self, index: int, stream: StreamInput, stamp: int, message: Any) -> bool:
+        """Read a stream from a message; what cannot be used is refused (False), the other streams are not."""
         try:
             values = stream.read(message)
             size = sum(v * v for v in values)
@@ -246,11 +251,12 @@ class InputAdapter:
                 raise Refused("quaternion", text)
         except Refused as refused:
             self._refuse(refused)
-            return
+            return False
         name = stream.name.removeprefix("states.")
         if name in _ANGLES:
             values = (self._unwrapped(stream.name, values[0]),)
         self._aligner.add(index, stamp - stream.delay, values)
+        return True
 
     def _unwrapped(self, key: str, angle: float) -> float:
         self._continued[key] = angle = frames.continued(angle, self._continued.get(key, angle))
@@ -290,11 +296,14 @@ class InputAdapter:
         """Return every number of an instant by name, vectors in our frames."""
         at: dict[str, float] = {}
         earth: tuple[Values, str] | None = None
+        wind: tuple[Values, str] | None = None
         for stream, found in zip(self._streams, values, strict=True):
             if stream.name == "attitude":
                 phi, theta, psi = frames.euler_angles(found, stream.body, stream.earth)
                 at["Phi"], at["Theta"] = self._unwrapped("Phi", phi), theta
                 at["Psi"] = self._unwrapped("Psi", psi)
+            elif stream.name == WIND:
+                wind = (*found, 0.0)[:3], stream.earth
             elif stream.earth:
                 earth = found, stream.earth
             elif stream.name in VECTORS:
@@ -305,6 +314,13 @@ class InputAdapter:
         if earth is not None:
             body = frames.to_body(frames.to_ned(*earth), (at["Phi"], at["Theta"], at["Psi"]))
             at.update(zip(_VELOCITY, body, strict=True))
+        if "airspeed" in at:
+            turning = frames.cross((at["P"], at["Q"], at["R"]), self._vane) if any(self._vane) else (0.0, 0.0, 0.0)
+            moved = frames.air_velocity(at["airspeed"], at["alpha"], at["beta"])
+            at.update((n, v - c) for n, v, c in zip(_VELOCITY, moved, turning, strict=True))
+        if wind is not None:
+            blown = frames.to_body(frames.to_ned(*wind), (at["Phi"], at["Theta"], at["Psi"]))
+            at.update((n, at[n] - v) for n, v in zip(_VELOCITY, blown, strict=True))
         return at
 
     def _known_derivatives(self, at: Mapping[str, float]) -> list[float]:
@@ -324,61 +340,6 @@ class InputAdapter:
             if method == "measured":
                 made[name] = at[f"derivatives.{name}"] if f"derivatives.{name}" in at else at[f"d{name}"]
         return [made[name] if self.methods[name] != "differentiated" else 0.0 for name in self._states]
-
-
-def _plan(inputs: InputMap, states: tuple[str, ...], effectors: tuple[str, ...]) -> dict[str, str]:
-    """Check that everything comes from one place; return the derivative's method per state."""
-    given = _given(inputs)
-    for name in [*states, *(f"effectors.{e}" for e in effectors)]:
-        if name not in given:
-            entry = name if name.startswith("effectors.") else f"states.{name}"
-            vector = next((f" or inputs.{v}" for v, names in VECTORS.items() if name in names), "")
-            message = f"'{name}' comes from nowhere: give inputs.{entry}{vector}"
-            raise EstimationError(message)
-    unused = [n for n in inputs.streams if n.startswith("effectors.") and n[10:] not in effectors]
-    unused += [n for n in inputs.streams if n.startswith("derivatives.") and n[12:] not in states]
-    if unused:
-        message = f"inputs.{unused[0]}: the identifier has no such name; states are {listed(states)}, "
-        raise EstimationError(message + f"effectors {listed(effectors)}")
-    kinematic = {*_RATES, "Phi", "Theta"} <= given.keys()
-    velocity = inputs.streams.get("velocity")
-    needs = {"specific_force": {*_RATES, *_VELOCITY, "Phi", "Theta"}}
-    if velocity is not None and velocity.earth:
-        needs["velocity"] = set(_ANGLES)
-    for name, needed in needs.items():
-        missing = sorted(needed - given.keys())
-        if name in inputs.streams and missing:
-            message = f"inputs.{name} cannot be used without {listed(missing)}: map them too, or leave it out"
-            raise EstimationError(message)
-    methods = {}
-    for name in states:
-        if f"derivatives.{name}" in given or f"d{name}" in given:
-            methods[name] = "measured"
-        elif name in _VELOCITY and "specific_force" in inputs.streams:
-            methods[name] = "accelerometer"
-        else:
-            methods[name] = "kinematics" if name in _ANGLES and kinematic else "differentiated"
-    return methods
-
-
-def _given(inputs: InputMap) -> dict[str, str]:
-    """Return what is mapped, by the name of the number, and the entry that maps it."""
-    given: dict[str, str] = {}
-    for name in inputs.streams:
-        for number in VECTORS.get(name, (name.removeprefix("states."),)):
-            if number in given:
-                message = f"'{number}' comes from both inputs.{given[number]} and inputs.{name}: leave one out"
-                raise EstimationError(message)
-            given[number] = name
-    return given
-
-
-def _arm(inputs: InputMap, methods: Mapping[str, str]) -> tuple[float, float, float]:
-    """Return where the accelerometer is from the centre of mass; refuse a place that nothing is measured at."""
-    if any(inputs.imu_position) and "accelerometer" not in methods.values():
-        message = "inputs.imu_position is given, but no derivative is made from inputs.specific_force"
-        raise EstimationError(message)
-    return inputs.imu_position
 
 
 def adapt(messages: Iterable[tuple[str, int, Any]], adapter: InputAdapter) -> Iterator[Row]:

@@ -16,7 +16,7 @@ import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.inputs.synchronizer import Refused
 
 _PART = re.compile(r"(?P<name>[A-Za-z_]\w*)(?:\[(?:(?P<index>\d+)|(?P<key>[A-Za-z_]\w*)=(?P<value>[^\[\]]+))\])?")
@@ -97,7 +97,8 @@ class FieldPath:
         name = next(n for n in (missing.name, missing.key) if n and not hasattr(value, n))
         where = f"'{walked}' of {type(message).__name__}" if walked else type(message).__name__
         fields = ", ".join(field_names(value)) or f"none, it is a {type(value).__name__}"
-        return f"the path '{self.text}' does not exist: {where} has no field '{name}'; its fields are {fields}"
+        near = nearest(name, field_names(value))
+        return f"the path '{self.text}' does not exist: {where} has no field '{name}'; its fields are {fields}{near}"
 
 
 class _Part:
@@ -132,7 +133,8 @@ class _Part:
         if not (0 <= place < len(names) and names[place] == self.value):
             place = next((i for i, name in enumerate(names) if name == self.value), -1)
             if place < 0:
-                raise IndexError(f"'{self.key}' holds {listed(names)}; expected '{self.value}' among them")
+                near = nearest(str(self.value), map(str, names))
+                raise IndexError(f"'{self.key}' holds {listed(names)}; expected '{self.value}' among them{near}")
             self._index = place
         if place >= length:
             raise IndexError(f"'{self.name}' has {length} elements; expected one per '{self.key}', {len(names)}")

@@ -149,3 +149,9 @@ def euler_rates(rates: Vector, attitude: tuple[float, float]) -> Vector:
 def centripetal(rates: Vector, arm: Vector) -> Vector:
     """Acceleration omega x (omega x arm) of a point at the arm [m] from the centre of mass [m/s^2]."""
     return cross(rates, cross(rates, arm))
+
+
+def air_velocity(airspeed: float, alpha: float, beta: float) -> Vector:
+    """Return u, v, w [m/s] of the air that meets a vane: true airspeed [m/s], angles of attack and sideslip [rad]."""
+    (sa, ca), (sb, cb) = sine_cosine(alpha), sine_cosine(beta)
+    return airspeed * (ca * cb), airspeed * sb, airspeed * (sa * cb)

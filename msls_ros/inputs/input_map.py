@@ -5,8 +5,9 @@ Every entry is a ROS parameter of one line, words separated by spaces::
     topics.ALIAS:     TOPIC TYPE [stamp=PATH|arrival] [unit=s|ms|us|ns] [delay=SECONDS]
     everything else:  ALIAS PATH [scale=1] [zero=0] [offset=0] [frame=...] [hold=true] [age=SECONDS] [delay=SECONDS]
 
-A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. The true instant of a message is its
-stamp less its delay. See `field_paths` for PATH, and the shipped profiles for examples.
+A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. Of a vector each of the three may be one
+number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. See
+`field_paths` for PATH, and the shipped profiles for examples.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.inputs.alignment import Track, Values
 from msls_ros.inputs.field_paths import FieldPath, VectorPath, listed
 from msls_ros.inputs.frames import BODY, EARTH
@@ -32,6 +33,10 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
     "angular_acceleration": ("dP", "dQ", "dR"),
 }
 """Vectors that can be mapped, and what they give."""
+AIR_DATA = ("airspeed", "alpha", "beta")
+"""True airspeed [m/s], angle of attack and of sideslip [rad] at the vane: together they give u, v, w."""
+WIND = "wind"
+"""Of the air over ground, in an earth frame: taken off a velocity over ground [m/s]."""
 SCALARS = ("states", "derivatives", "effectors")
 UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
@@ -79,13 +84,14 @@ class StreamInput:
     """A number or vector that is read from the messages of one topic."""
 
     name: str
-    """A key of `VECTORS`, or ``states.NAME``, ``derivatives.NAME``, ``effectors.NAME``."""
+    """A key of `VECTORS`, one of `AIR_DATA`, `WIND`, or ``states.NAME``, ``derivatives.NAME``, ``effectors.NAME``."""
     source: str
     """Alias of the topic."""
     path: VectorPath
-    scale: float
-    zero: float
-    offset: float
+    scale: tuple[float, ...]
+    zero: tuple[float, ...]
+    offset: tuple[float, ...]
+    """One for each number."""
     body: str
     earth: str
     """Frames; of a velocity only one is given, the other is empty."""
@@ -101,7 +107,11 @@ class StreamInput:
         EstimationError, Refused
             As `VectorPath.read`.
         """
-        return tuple(self.scale * (raw - self.zero) + self.offset for raw in self.path.read(message))
+        found = self.path.read(message)
+        return tuple(
+            scale * (raw - zero) + offset
+            for raw, scale, zero, offset in zip(found, self.scale, self.zero, self.offset, strict=True)
+        )
 
 
 @dataclass(frozen=True)
@@ -120,6 +130,8 @@ class InputMap:
     """Of the derivative filter's window; used only where something is differentiated."""
     imu_position: tuple[float, float, float]
     """Of the accelerometer, from the centre of mass, FRD [m]."""
+    vane_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where airspeed, alpha and beta are measured, from the centre of mass, FRD [m]."""
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> InputMap:
@@ -144,15 +156,23 @@ class InputMap:
                 streams[name] = _parse(f"inputs.{name}", value, partial(_stream, name, topics, age))
         if plain["clock"] not in topics:
             message = f"inputs.clock is '{plain['clock']}'; it must be one of the topics, {listed(topics)}"
+            message += nearest(str(plain["clock"]), topics)
             raise EstimationError(message)
         names = [t.topic for t in topics.values()]
         if len(set(names)) != len(names):
             message = f"inputs.topics: {listed(names)}: each topic can have one alias only"
             raise EstimationError(message)
-        return cls(topics, streams, plain["clock"], age, intervals, _position(plain["imu_position"]))
+        places = (_position(name, plain[name]) for name in ("imu_position", "vane_position"))
+        return cls(topics, streams, plain["clock"], age, intervals, *places)
 
 
-PLAIN: Mapping[str, Any] = {"clock": "", "maximum_age": 0.1, "intervals": 4, "imu_position": (0.0, 0.0, 0.0)}
+PLAIN: Mapping[str, Any] = {
+    "clock": "",
+    "maximum_age": 0.1,
+    "intervals": 4,
+    "imu_position": (0.0, 0.0, 0.0),
+    "vane_position": (0.0, 0.0, 0.0),
+}
 """Entries that are no lines of words, with their defaults."""
 
 
@@ -204,16 +224,26 @@ class _Words:
     def number(self, key: str, default: float, low: float = -math.inf, high: float = math.inf) -> float:
         return _number(key, self.take(key, repr(default)), low, high)
 
+    def numbers(self, key: str, default: float, size: int) -> tuple[float, ...]:
+        """Take one number for all, or one for each of ``size``, separated by commas."""
+        found = self.take(key, repr(default)).split(",")
+        if len(found) not in (1, size):
+            message = f"{key} has {len(found)} numbers; expected 1" + (f" or {size}" if size > 1 else "")
+            raise EstimationError(message)
+        values = tuple(_number(key, word, -math.inf, math.inf) for word in found)
+        return values if len(values) == size else values * size
+
     def choice(self, key: str, default: str, choices: Sequence[str]) -> str:
         found = self.take(key, default)
         if found not in choices:
-            message = f"{key} is '{found}'; it must be one of {', '.join(choices)}"
+            message = f"{key} is '{found}'; it must be one of {', '.join(choices)}{nearest(found, choices)}"
             raise EstimationError(message)
         return found
 
     def check_empty(self) -> None:
         if self._options:
-            message = f"'{min(self._options)}' does not exist here; there are {', '.join(self._known)}"
+            wrong = min(self._options)
+            message = f"'{wrong}' does not exist here; there are {', '.join(self._known)}{nearest(wrong, self._known)}"
             raise EstimationError(message)
 
 
@@ -229,11 +259,11 @@ def _number(name: str, value: Any, low: float, high: float) -> float:
     return number
 
 
-def _position(value: Any) -> tuple[float, float, float]:
+def _position(name: str, value: Any) -> tuple[float, float, float]:
     if isinstance(value, str) or not hasattr(value, "__len__") or len(value) != 3:
-        message = f"inputs.imu_position is {value!r}; it must be 3 numbers: forward, right, down"
+        message = f"inputs.{name} is {value!r}; it must be 3 numbers: forward, right, down"
         raise EstimationError(message)
-    x, y, z = (_number("inputs.imu_position", v, -1e3, 1e3) for v in value)
+    x, y, z = (_number(f"inputs.{name}", v, -1e3, 1e3) for v in value)
     return x, y, z
 
 
@@ -255,16 +285,16 @@ def _topic(words: _Words) -> TopicInput:
 
 def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words) -> StreamInput:
     group, _, rest = name.partition(".")
-    if not (name in VECTORS or (group in SCALARS and rest)):
-        message = (
-            f"it does not exist; there are {', '.join((*PLAIN, 'topics.ALIAS', *VECTORS))}, {', '.join(SCALARS)}.NAME"
-        )
+    single = (*VECTORS, *AIR_DATA, WIND)
+    if not (name in single or (group in SCALARS and rest)):
+        words_known = (*PLAIN, "topics.ALIAS", *single, *(f"{s}.NAME" for s in SCALARS))
+        message = f"it does not exist; there are {', '.join(words_known)}{nearest(name, (*PLAIN, *single, *SCALARS))}"
         raise EstimationError(message)
     source, path = words.first
     if source not in topics:
-        message = f"'{source}' is not a topic; inputs.topics has {listed(topics)}"
+        message = f"'{source}' is not a topic; inputs.topics has {listed(topics)}{nearest(source, topics)}"
         raise EstimationError(message)
-    size = 1 if group in SCALARS else 4 if name == "attitude" else 3
+    size = _size(name, path)
     body, earth = _frames(name, words)
     own_age = round(1e9 * words.number("age", age * 1e-9, 1e-6, 3600.0))
     held = words.choice("hold", "false", ("true", "false")) == "true"
@@ -272,12 +302,23 @@ def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words
         name,
         source,
         VectorPath(path, size),
-        *((words.number("scale", 1.0), words.number("zero", 0.0), words.number("offset", 0.0))),
+        words.numbers("scale", 1.0, size),
+        words.numbers("zero", 0.0, size),
+        words.numbers("offset", 0.0, size),
         body,
         earth,
         round(1e9 * words.number("delay", topics[source].delay * 1e-9, -10.0, 10.0)),
         Track(f"{name} ({topics[source].topic} {path})", held, own_age, size == 4),
     )
+
+
+def _size(name: str, path: str) -> int:
+    """Return how many numbers an entry reads; a wind may have north and east alone."""
+    if name == "attitude":
+        return 4
+    if name == WIND:
+        return 2 if path.count(",") == 1 else 3
+    return 3 if name in VECTORS else 1
 
 
 def _frames(name: str, words: _Words) -> tuple[str, str]:
@@ -288,6 +329,8 @@ def _frames(name: str, words: _Words) -> tuple[str, str]:
     if name == "velocity":
         frame = words.choice("frame", "frd", (*BODY, *EARTH))
         return ("", frame) if frame in EARTH else (frame, "")
+    if name == WIND:
+        return "", words.choice("frame", "ned", tuple(EARTH))
     if name in VECTORS:
         return words.choice("frame", "frd", tuple(BODY)), ""
     return "", ""

@@ -16,6 +16,7 @@ import yaml
 
 from msls_ros.estimation import Configuration, EstimationError, from_mapping
 from msls_ros.estimation.configuration import items
+from msls_ros.estimation.errors import nearest
 from msls_ros.estimation.sections import Bounds
 from msls_ros.inputs import InputMap
 
@@ -100,6 +101,30 @@ def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
         raise EstimationError(message) from error
 
 
+def read_parameters(text: str, name: str) -> tuple[Configuration, InputMap | None]:
+    """Read the text of a parameter file: the identifier's parameters, and its section ``inputs``.
+
+    Parameters
+    ----------
+    text
+        YAML of ROS parameters.
+    name
+        For sentences.
+
+    Raises
+    ------
+    EstimationError
+        As `read_profile`.
+    """
+    section = _section_of(text, name)
+    try:
+        inputs = InputMap.from_parameters(section["inputs"]) if "inputs" in section else None
+        return from_mapping({k: v for k, v in section.items() if k not in OTHER}), inputs
+    except EstimationError as error:
+        message = f"{name}: {error}"
+        raise EstimationError(message) from error
+
+
 def profile_path(name: str | os.PathLike[str]) -> Path:
     """Return the path of a parameter file.
 
@@ -121,6 +146,7 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
     name = RENAMED.get(str(name), name)
     if str(name) not in shipped:
         message = f"parameter file '{name}' does not exist; shipped are {', '.join(shipped)}, or give a .yaml file"
+        message += nearest(str(name), shipped)
         raise EstimationError(message)
     return shipped[str(name)]
 
@@ -128,20 +154,30 @@ def profile_path(name: str | os.PathLike[str]) -> Path:
 def _load(name: str | os.PathLike[str]) -> tuple[Path, Mapping[str, Any]]:
     """Find a parameter file and return the identifier's section of it."""
     path = profile_path(name)
+    name = f"parameter file '{path}'"
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+        return path, _section_of(path.read_text(encoding="utf-8"), name)
     except OSError as error:
-        message = f"parameter file '{path}' cannot be read: {error.strerror}"
+        message = f"{name} cannot be read: {error.strerror}"
         raise EstimationError(message) from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        message = f"parameter file '{path}' is not YAML: {' '.join(str(error).split())}"
+    except UnicodeDecodeError as error:
+        message = f"{name} is not YAML: {' '.join(str(error).split())}"
+        raise EstimationError(message) from error
+
+
+def _section_of(text: str, name: str) -> Mapping[str, Any]:
+    """Return the identifier's section of a parameter file's text."""
+    try:
+        content = yaml.safe_load(text)
+    except yaml.YAMLError as error:
+        message = f"{name} is not YAML: {' '.join(str(error).split())}"
         raise EstimationError(message) from error
     if isinstance(content, Mapping):
         sections = dict(_sections(content))
         for node in ("identifier", "/identifier", "/**"):
             if node in sections:
-                return path, sections[node]
-    message = f"parameter file '{path}': has no section '/**: ros__parameters:' or 'identifier: ros__parameters:'"
+                return sections[node]
+    message = f"{name}: has no section '/**: ros__parameters:' or 'identifier: ros__parameters:'"
     raise EstimationError(message)
 
 

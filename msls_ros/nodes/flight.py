@@ -17,13 +17,15 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from msls_ros.control.settings import items
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.flights.scenarios import Scenario
+from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
-from msls_ros.nodes.recorder import RecorderNode
+from msls_ros.nodes.recorder import FIXED_LAW, TOPICS, RecorderNode
 from msls_ros.offline.replay import keep_parameters
 from msls_ros.plant import instrument_lines
 
@@ -106,17 +108,21 @@ def fly(
             executor.add_node(node)
             return node
 
-        recorder: RecorderNode = add(RecorderNode, {"out": str(bag), "overwrite": overwrite})
+        topics = FIXED_LAW if scenario.law.plan is None else tuple(TOPICS)
+        recorder: RecorderNode = add(RecorderNode, {"out": str(bag), "overwrite": overwrite, "topics": topics})
         keep_parameters(bag, configuration)
         pilot: PilotNode = add(PilotNode, _pilot_parameters(scenario))
         identifier: IdentifierNode = add(IdentifierNode, {**as_mapping(configuration), **LOCKSTEP})
         plant: PlantNode = add(PlantNode, _plant_parameters(scenario, noise, seed))
-        nodes = [recorder, pilot, identifier, plant]
+        nodes: list[Node] = [recorder, pilot, identifier, plant]
+        if scenario.law.plan is not None:
+            nodes.append(add(ControllerNode, _controller_parameters(scenario)))
         _connect(executor, nodes)
         wall_time = _spin_flight(executor, plant, progress)
         _drain(executor, recorder, identifier, plant)
         _refuse_strangers(nodes)
         refused = Counter(identifier.synchronizer.refused) + pilot.refused + plant.refused
+        refused += sum((node.refused for node in nodes if isinstance(node, ControllerNode)), Counter())
         return FlightRecord(bag, plant.samples, wall_time, plant.time_outs, dict(refused))
 
 
@@ -145,6 +151,20 @@ def _pilot_parameters(scenario: Scenario) -> dict[str, Any]:
         "condition": scenario.condition,
         "manoeuvre": scenario.manoeuvre,
         "manoeuvre_scale": scenario.manoeuvre_scale,
+        "ask": scenario.law.plan is not None,
+    }
+
+
+def _controller_parameters(scenario: Scenario) -> dict[str, Any]:
+    assert scenario.law.plan is not None
+    settings = {name: value for name, value, _ in items(scenario.law.plan.settings)}
+    return {
+        **settings,
+        "lockstep": True,
+        "aircraft": scenario.aircraft.file,
+        "condition": scenario.condition,
+        "prior": "truth" if scenario.law.prior else "none",
+        "sample_rate": float(scenario.rates.sensors),
     }
 
 
@@ -163,7 +183,8 @@ def _plant_parameters(scenario: Scenario, noise: str, seed: int) -> dict[str, An
         "fdm_rate": scenario.rates.flight_dynamics,
         "steps_per_sample": scenario.rates.steps,
         "truth_every": scenario.rates.truth_every,
-        "faults": [str(fault) for fault in scenario.faults],
+        "faults": [str(fault) for fault in scenario.faults_of(seed)],
+        "latency": scenario.law.latency,
     }
 
 

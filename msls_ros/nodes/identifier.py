@@ -45,9 +45,7 @@ NODE_PARAMETERS = {
     "autostart": fixed(True, "configure and activate at the start"),
     "publish_every": fixed(1, "samples per published model", unit="samples", low=1, high=1_000_000),
     "frame_id": fixed(FRAME, "frame of all that is published"),
-    "queue": fixed(
-        0.1, "what the queues hold; at a backlog the newest are kept", unit="s of samples", low=0.001, high=60.0
-    ),
+    "queue": fixed(0.1, "what the queues hold; then the newest are kept", unit="s of samples", low=0.001, high=60.0),
     "lockstep": fixed(False, "the plant waits for every answer: samples are never old, however long that takes"),
     "model_file": fixed("model.yaml", "where ~/save_model writes what has been learnt"),
     "warm_start": fixed("", "such a file to start from; empty: from nothing"),
@@ -132,8 +130,8 @@ class IdentifierNode(LifecycleNode):
         except (EstimationError, NodeError) as error:
             self.get_logger().error(str(error))
             return FAILURE
-        depth = reliable(depth_of(KEPT, configuration.sample_rate))
-        self._outputs = Outputs(self, configuration, self._p["frame_id"], depth)
+        c = configuration
+        self._outputs = Outputs(self, c, self._p["frame_id"], reliable(depth_of(KEPT, c.sample_rate)))
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
@@ -144,16 +142,15 @@ class IdentifierNode(LifecycleNode):
         self._watch = self.create_timer(self._stale_after(), self._watch_inputs, clock=steady)
         self._reminder = self.create_timer(WAITING, self._say_what_is_missing, clock=steady)
         self._diagnostics = Diagnostics(self, self._health, self._synchronizer.refused)
-        c = configuration
-        names = f"{len(c.states)} states, {len(c.effectors)} effectors, {c.sample_rate:g} Hz"
-        self.get_logger().info(f"configured: {names}; inputs {', '.join(self._topics)}")
+        what = f"{len(c.states)} states, {len(c.effectors)} effectors, {c.sample_rate:g} Hz; inputs "
+        self.get_logger().info(f"configured: {what}{', '.join(self._topics)}")
         return SUCCESS
 
     def _subscribe(self, configuration: Configuration) -> list[Subscription]:
         depth = depth_of(self._p["queue"], configuration.sample_rate)
         if self._adapter is not None:
             foreign = best_effort(depth_of(FOREIGN_RATE * self._p["queue"], configuration.sample_rate))
-            return subscribe(self, self._adapter.topics, foreign, self._on_foreign)
+            return subscribe(self, self._adapter.topics, foreign, self._on_foreign, self._refuse)
         return subscribe_own(self, reliable(depth), self._on_own)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -239,10 +236,13 @@ class IdentifierNode(LifecycleNode):
         try:
             rows = self._adapter.push(topic, self._now(), message)
         except EstimationError as error:
-            self._refusals.take(self._synchronizer.refuse("field", str(error)))
+            self._refuse(Refused("field", str(error)))
             return
         for row in rows:
             self._offer(partial(row.offer, self._synchronizer))
+
+    def _refuse(self, refused: Refused) -> None:
+        self._refusals.take(self._synchronizer.refuse(refused.reason, str(refused)))
 
     def _offer(self, add: Callable[[], PairedSample | None]) -> None:
         """Put a message through the gate; use the sample that it completes."""

@@ -18,7 +18,7 @@ from msls_ros.bags import BagError, SampleDecoder
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, PairedSample, Refused, Synchronizer
 from msls_ros.nodes.parameters import NodeError, plain
-from msls_ros.nodes.quality import overriding
+from msls_ros.nodes.quality import Refuse, listen, overriding
 
 PREFIX = "inputs."
 STATE, EFFECTORS = "state", "effectors"
@@ -118,9 +118,9 @@ def subscribe_own(node: Node, quality: QoSProfile, take: Callable[[str, bytes], 
 
 
 def subscribe(
-    node: Node, topics: dict[str, str], quality: QoSProfile, take: Callable[[str, Any], None]
+    node: Node, topics: dict[str, str], quality: QoSProfile, take: Callable[[str, Any], None], refuse: Refuse
 ) -> list[Subscription]:
-    """Subscribe to topics, types by name; ``take`` gets the name and the message.
+    """Subscribe to topics, types by name; ``take`` gets the name and the message, ``refuse`` what is none.
 
     Raises
     ------
@@ -128,10 +128,7 @@ def subscribe(
         If a type is not installed here.
     """
     classes = {topic: message_class(msgtype) for topic, msgtype in topics.items()}
-    return [
-        node.create_subscription(c, topic, partial(take, topic), copy(quality), qos_overriding_options=overriding())
-        for topic, c in classes.items()
-    ]
+    return [listen(node, c, topic, quality, partial(take, topic), refuse) for topic, c in classes.items()]
 
 
 def message_class(msgtype: str) -> type[Any]:

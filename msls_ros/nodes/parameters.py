@@ -121,7 +121,7 @@ def plain(parameter: Parameter) -> Any:
 
 
 def declare_table(node: Node, table: Table) -> dict[str, Any]:
-    """Declare parameters that are fixed at the start; return their values by name.
+    """Declare parameters, read-only where they are fixed at the start; return their values by name.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def declare_table(node: Node, table: Table) -> dict[str, Any]:
     values = {}
     for name, (default, bounds) in table.items():
         values[name] = checked(name, plain(node.get_parameter(name)), default, bounds)
-        node.set_descriptor(name, descriptor(bounds, default, read_only=True))
+        node.set_descriptor(name, descriptor(bounds, default, read_only=not bounds.in_flight))
     return values
 
 

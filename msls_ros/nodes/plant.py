@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
+from collections import Counter, deque
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,7 +22,7 @@ from msls_ros.flights.aircraft_files import DEFAULT, find_aircraft
 from msls_ros.flights.scenario_yaml import ScenarioError
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
-from msls_ros.nodes.quality import INPUT, OUTPUT
+from msls_ros.nodes.quality import INPUT, OUTPUT, listen, publish
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals, StampGate
 from msls_ros.plant import (
     NOISE_LEVELS,
@@ -61,6 +62,7 @@ PARAMETERS = {
     "stale_after": fixed(
         0.1, "real time: a dither older than this is not added, nor held for longer", unit="s", low=0.001, high=3600.0
     ),
+    "latency": fixed(0, "samples by which commands reach the actuators late", unit="samples", low=0, high=20),
     "publish_clock": fixed(True, "publish /clock; false where another clock is the time of the system"),
     "wait_for_dither": fixed(True, "lockstep: wait for the identifier too, not only for the pilot"),
     "time_out": fixed(
@@ -133,13 +135,13 @@ class PlantNode(Node):
 
     def _make_topics(self) -> None:
         p = self._p
-        self.state_publisher = self.create_publisher(StateSample, "state", OUTPUT)
-        self.effector_publisher = self.create_publisher(EffectorSample, "effectors", OUTPUT)
-        self.truth_state_publisher = self.create_publisher(StateSample, "truth/state", OUTPUT)
-        self.truth_model_publisher = self.create_publisher(LinearModel, "truth/model", OUTPUT)
-        self._clock_publisher = self.create_publisher(ClockMessage, "/clock", OUTPUT) if p["publish_clock"] else None
-        self.create_subscription(EffectorCommand, "command", lambda m: self._on_answer("command", m), INPUT)
-        self.create_subscription(DitherCommand, "dither", lambda m: self._on_answer("dither", m), INPUT)
+        self.state_publisher = publish(self, StateSample, "state", OUTPUT)
+        self.effector_publisher = publish(self, EffectorSample, "effectors", OUTPUT)
+        self.truth_state_publisher = publish(self, StateSample, "truth/state", OUTPUT)
+        self.truth_model_publisher = publish(self, LinearModel, "truth/model", OUTPUT)
+        self._clock_publisher = publish(self, ClockMessage, "/clock", OUTPUT) if p["publish_clock"] else None
+        for kind, topic in ((EffectorCommand, "command"), (DitherCommand, "dither")):
+            listen(self, kind, topic, INPUT, partial(self._on_answer, topic), self._refusals.take)
         self.create_service(InjectFault, "~/inject_fault", self._on_inject_fault)
         self.create_service(Trigger, "~/reset", self._on_reset)
 
@@ -162,6 +164,7 @@ class PlantNode(Node):
         instruments = parse_instruments(p["sensors"]) if p["sensors"] else None
         self._sensors = make_sensors(instruments, p["noise"], p["seed"])
         self._held = self._aircraft.trim.delta
+        self._late = deque([self._held] * p["latency"])
         self._index = -1
         self._answers: dict[str, Any] = {"command": None, "dither": None}
         self._arrived = {"command": 0, "dither": 0}
@@ -265,8 +268,9 @@ class PlantNode(Node):
         if self._answers["dither"] is None:
             self._mixer.drop("no dither")
         total = self._aircraft.trim.delta if command is None else self._mixer.mix(now, command).command
-        self._held = total
-        self._fly(total)
+        self._late.append(total)
+        self._held = self._late.popleft()
+        self._fly(self._held)
         self._publish()
 
     def _fly(self, command: Any) -> None:
@@ -318,7 +322,8 @@ class PlantNode(Node):
         try:
             now = self._aircraft.time
             numbers = (request.effectiveness, request.ramp, request.stuck, request.bias)
-            fault = Fault(request.effector, now, *numbers, self._condition.airframe)
+            hard_over = request.position if request.driven else None
+            fault = Fault(request.effector, now, *numbers, hard_over, self._condition.airframe)
             response.message = self._schedule.inject(fault, self._index, self._aircraft)
             response.success = True
             self.get_logger().info(f"at {now:.3f} s: {response.message}")

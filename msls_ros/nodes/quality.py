@@ -3,10 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from copy import copy
+from typing import Any
 
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSDurabilityPolicy, QoSHistoryPolicy, QoSProfile, QoSReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
+from msls_ros.inputs import Refused
+
+Refuse = Callable[[Refused], object]
 LEAST, MOST = 10, 10_000
 """Depth of a queue [messages]."""
 
@@ -47,6 +57,44 @@ def depth_of(seconds: float, rate: float) -> int:
 def overriding() -> QoSOverridingOptions:
     """Return ROS's own options: parameters ``qos_overrides.TOPIC.*`` change history, depth and reliability."""
     return QoSOverridingOptions.with_default_policies()
+
+
+def publish(node: Node, kind: type[Any], topic: str, quality: QoSProfile) -> Publisher:
+    """Make a publisher whose quality of service a user may override."""
+    return node.create_publisher(kind, topic, copy(quality), qos_overriding_options=overriding())
+
+
+def listen(
+    node: Node, kind: type[Any], topic: str, quality: QoSProfile, take: Callable[[Any], None], refuse: Refuse
+) -> Subscription:
+    """Subscribe to a topic whose quality of service a user may override; what cannot be decoded is refused and counted.
+
+    The middleware would drop such bytes without a word.
+
+    Parameters
+    ----------
+    node
+        Who listens.
+    kind, topic
+        Of the messages.
+    quality
+        Before a user's overriding.
+    take
+        Gets the messages.
+    refuse
+        Told of the others.
+    """
+
+    def decode(data: bytes) -> None:
+        try:
+            message = deserialize_message(data, kind)
+        except Exception as error:  # whatever the type support says of bytes that are none of its messages
+            text = f"{topic}: {len(data)} bytes are no {kind.__name__}: {str(error).partition(', at ')[0]}"
+            refuse(Refused("malformed", text))
+            return
+        take(message)
+
+    return node.create_subscription(kind, topic, decode, copy(quality), raw=True, qos_overriding_options=overriding())
 
 
 INPUT = reliable(100)

@@ -4,10 +4,20 @@ from __future__ import annotations
 
 import struct
 from collections import Counter
+from copy import copy
 from functools import partial
 from typing import Any
 
-from msls_msgs.msg import DitherCommand, EffectorCommand, EffectorSample, FaultEvent, LinearModel, StateSample
+from msls_msgs.msg import (
+    ControlStatus,
+    DitherCommand,
+    EffectorCommand,
+    EffectorSample,
+    FaultEvent,
+    LinearModel,
+    PilotCommand,
+    StateSample,
+)
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -16,6 +26,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from msls_ros.bags import BagWriter
 from msls_ros.inputs import Refused
 from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
+from msls_ros.nodes.quality import overriding
 from msls_ros.nodes.refusals import Refusals
 
 TOPICS: dict[str, Any] = {
@@ -28,11 +39,15 @@ TOPICS: dict[str, Any] = {
     "truth/state": StateSample,
     "truth/model": LinearModel,
     "/clock": ClockMessage,
+    "pilot_command": PilotCommand,
+    "control_status": ControlStatus,
 }
+FIXED_LAW = tuple(TOPICS)[:-2]
+"""What there is without a controller."""
 PARAMETERS = {
     "out": fixed("flight", "folder of the bag to write"),
     "overwrite": fixed(False, "replace a bag that exists"),
-    "topics": fixed(list(TOPICS), "topics to record", choices=TOPICS),
+    "topics": fixed(list(FIXED_LAW), "topics to record", choices=TOPICS),
 }
 QUALITY = QoSProfile(depth=1000)
 _SMALLEST = 12
@@ -69,7 +84,14 @@ class RecorderNode(Node):
             kind = TOPICS[topic]
             msgtype = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
             self._writer.add_topic(resolved, msgtype)
-            self.create_subscription(kind, topic, partial(self._write, topic, resolved, msgtype), QUALITY, raw=True)
+            self.create_subscription(
+                kind,
+                topic,
+                partial(self._write, topic, resolved, msgtype),
+                copy(QUALITY),
+                raw=True,
+                qos_overriding_options=overriding(),
+            )
         self.create_timer(0.5, self._writer.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _write(self, topic: str, resolved: str, msgtype: str, data: bytes) -> None:

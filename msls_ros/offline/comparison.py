@@ -64,7 +64,7 @@ def compare(bag: str | Path, configuration: Configuration, watch: Watch, airfram
         realised=realised_acceleration(samples.time, commands, truth_b, airframe),
         boosted=np.array([m.level == m.LEVEL_BOOSTED for m in dither]),
         events=[
-            (t * 1e-9, ("", "detected", "isolated", "recovered")[m.kind], tuple(m.equations))
+            (t * 1e-9, ("", "detected", "isolated", "recovered", "reset")[m.kind], tuple(m.equations))
             for t, m in flight.topic("fault")
         ],
     )

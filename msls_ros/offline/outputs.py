@@ -12,6 +12,7 @@ from msls_ros import records
 from msls_ros.bags import BagWriter, MessageTemplate
 from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
 from msls_ros.inputs.block_pairing import PairedBlock
+from msls_ros.offline.best import BestModel
 
 DITHER, FAULT, MODEL = "msls_msgs/msg/DitherCommand", "msls_msgs/msg/FaultEvent", "msls_msgs/msg/LinearModel"
 OUTPUTS = {"dither": DITHER, "fault": FAULT, "model": MODEL}
@@ -54,6 +55,8 @@ class IdentifierOutput:
         self.samples = self.models = 0
         self.negative = 0
         """Messages that no bag can hold: their stamps are before 0."""
+        self.best = BestModel()
+        """Of the models that were written."""
         self.events: list[tuple[int, FaultEvent]] = []
         """Stamps [ns] and events."""
         self.span: tuple[int, int] | None = None
@@ -78,6 +81,7 @@ class IdentifierOutput:
         models = [estimate for estimate in run.estimates if estimate.samples % self._every == 0]
         if models:
             blocks.append(self._models(np.array([_stamp_at(stamps, time, m.time) for m in models]), models))
+        self.best.take(models, events)
         self._write(blocks)
         self.samples += len(stamps)
         self.models += len(models)

@@ -35,6 +35,8 @@ class Recomputed:
     models: Thinned[Estimate] = field(default_factory=Thinned)
     events: Stamped[FaultEvent] = field(default_factory=list)
     dithers: Stamped[Dither] = field(default_factory=list)
+    samples: list[tuple[Array, Array, Array]] = field(default_factory=list)
+    """x (k, n), xdot (k, n), delta (k, m) of each block that was identified from."""
 
 
 def fitting(states: tuple[str, ...], effectors: tuple[str, ...]) -> Configuration:
@@ -131,12 +133,9 @@ def _blocks(samples: Iterable[PairedSample]) -> Iterator[list[PairedSample]]:
 def _identify(identifier: Identifier, block: list[PairedSample], found: Recomputed) -> None:
     if block[0].restarted:
         identifier.reset()
-    run = identifier.run(
-        np.array([s.time for s in block]),
-        np.array([s.x for s in block]),
-        np.array([s.xdot for s in block]),
-        np.array([s.delta for s in block]),
-    )
+    x, xdot, delta = (np.array([getattr(s, name) for s in block]) for name in ("x", "xdot", "delta"))
+    found.samples.append((x, xdot, delta))
+    run = identifier.run(np.array([s.time for s in block]), x, xdot, delta)
     stamps = [s.stamp for s in block]
     for stamp, estimate in zip(stamps, run.estimates, strict=True):
         found.signals.append((stamp, (estimate.prediction_error, estimate.statistic)))

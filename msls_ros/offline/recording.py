@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from msls_ros.bags import BagError, BagMessage, BagReader, Sample, SampleDecoder
+from msls_ros.bags import AnyReader, BagError, BagMessage, Sample, SampleDecoder, open_any
 
 T = TypeVar("T")
 Stamped = list[tuple[int, T]]
@@ -85,6 +85,9 @@ class Recording:
     diagnostics: dict[str, dict[str, str]]
     """The last values of each status in /diagnostics, by its name."""
     warnings: list[str] = field(default_factory=list)
+    refused: dict[str, int] = field(default_factory=dict)
+    examples: dict[str, str] = field(default_factory=dict)
+    """Of a log that is read through a map: what the map's reader refused, by reason, and the first of each."""
 
     def samples(self, leaf: str) -> Stamped[Sample]:
         """Return the samples of a topic that can be decoded."""
@@ -108,7 +111,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
     BagError
         If it is not a bag, or holds nothing of an identifier or of its inputs.
     """
-    reader = BagReader(bag)
+    reader = open_any(bag)
     streams = _Streams(reader)
     for batch in reader.batches():
         for message in batch:
@@ -131,7 +134,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
 class _Streams:
     """Sorts messages by aircraft and topic."""
 
-    def __init__(self, reader: BagReader) -> None:
+    def __init__(self, reader: AnyReader) -> None:
         self._reader = reader
         self._decoders: dict[str, SampleDecoder] = {}
         self._places: dict[str, tuple[str, str] | None] = {}

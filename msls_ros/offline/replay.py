@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -16,11 +16,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros import bags
-from msls_ros.bags import HELD, BagError, BagMessage, BagReader, BagWriter, replacing
+from msls_ros.bags import (
+    HELD,
+    AnyReader,
+    BagError,
+    BagMessage,
+    BagReader,
+    BagWriter,
+    LogReader,
+    open_any,
+    replacing,
+)
 from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
-from msls_ros.inputs import InputAdapter, InputMap, Synchronizer
+from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer
 from msls_ros.inputs.profiles import render_profile
+from msls_ros.offline.best import Known
 from msls_ros.offline.outputs import OUTPUTS, IdentifierOutput
 from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_topics, ordered_batches
 
@@ -31,9 +42,11 @@ _MOST = 1 << 16
 """Characters of it."""
 
 
-def keep_parameters(bag: Path, configuration: Configuration, file: Path | None = None) -> None:
-    """Write the parameters of the identifier into a bag's folder, for `replay`; those of a file as it is."""
-    if file is None:
+def keep_parameters(bag: Path, configuration: Configuration, file: Path | str | None = None) -> None:
+    """Write the parameters of the identifier into a bag's folder, for `replay`; a file or a text as it is."""
+    if isinstance(file, str):
+        text = file
+    elif file is None:
         text = render_profile(configuration, "The identifier's parameters in this flight.")
     else:
         text = file.read_text(encoding="utf-8")
@@ -50,7 +63,7 @@ def kept_parameters(bag: Path) -> Path:
     """
     path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
     if not path.is_file():
-        BagReader(bag)
+        open_any(bag)
         message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
         raise BagError(message)
     try:
@@ -79,6 +92,8 @@ class Replay:
     wall_time: float
     """[s]"""
     warnings: list[str]
+    known: list[Known] = field(default_factory=list)
+    """What was reliable, at its best."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +114,8 @@ class ReplayOptions:
     """What reading may hold at a time [bytes]."""
     inputs: InputMap | None = None
     """Where messages of other types have states and deflections; None: `msls_msgs` on the identifier's topics."""
-    parameters: Path | None = None
-    """Where configuration and inputs come from, to be kept with the output; None: the configuration is written."""
+    parameters: Path | str | None = None
+    """File or text of configuration and inputs, to be kept with the output; None: the configuration is written."""
 
 
 def replay(
@@ -130,10 +145,15 @@ def replay(
     EstimationError
         If the inputs do not give the states and deflections of the configuration.
     """
-    gate = Synchronizer.of(configuration)
-    opened = _open(bag, configuration, options, gate)
+    reasons: dict[str, str] = {}
+
+    def note(refused: Refused) -> None:
+        reasons.setdefault(refused.reason, str(refused))
+
+    gate = Synchronizer.of(configuration, note)
+    opened = _open(bag, configuration, options, gate, note)
     with replacing(out) if options.overwrite else nullcontext((out, lambda: None)) as (place, take_place):
-        result = _write(opened, place, configuration, options, gate, progress)
+        result = _write(opened, place, configuration, options, gate, reasons, progress)
         if result.samples:
             take_place()
         elif place != out:
@@ -144,7 +164,7 @@ def replay(
 class _Opened(NamedTuple):
     """A bag to replay."""
 
-    reader: BagReader
+    reader: AnyReader
     source: Source
     prefix: str
     """Of the topics."""
@@ -156,6 +176,7 @@ def _write(
     configuration: Configuration,
     options: ReplayOptions,
     gate: Synchronizer,
+    reasons: Mapping[str, str],
     progress: Callable[[float, int], None],
 ) -> Replay:
     """Identify and write."""
@@ -164,7 +185,7 @@ def _write(
         keep_parameters(out, configuration, options.parameters)
         output = IdentifierOutput(writer, prefix, configuration, options.every, source.straddle)
         start = time.perf_counter()
-        beside = _Beside(reader, writer, prefix) if options.merge else None
+        beside = _Beside(reader, writer, prefix) if options.merge and isinstance(reader, BagReader) else None
         for batch in ordered_batches(reader, source.topics, source.longest_run):
             if beside is not None:
                 beside.take(batch)
@@ -177,8 +198,7 @@ def _write(
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:
-        topics = " and ".join(source.topics)
-        warnings.append(f"{reader.path}: not one sample; {topics} have no stamp in common that is usable")
+        warnings.append(f"{reader.path}: not one sample; {_why_none(source.topics, gate, reasons)}")
     wall_time = time.perf_counter() - start
     return Replay(
         output.samples,
@@ -189,12 +209,27 @@ def _write(
         output.span,
         wall_time,
         warnings,
+        output.best.known,
     )
 
 
-def _open(bag: Path, configuration: Configuration, options: ReplayOptions, gate: Synchronizer) -> _Opened:
+def _why_none(topics: Sequence[str], gate: Synchronizer, reasons: Mapping[str, str]) -> str:
+    """Say why no sample came about: the reason that most messages were refused for, or that no stamps are equal."""
+    if not gate.refused:
+        return f"{' and '.join(topics)} have no stamp in common"
+    reason, count = gate.refused.most_common(1)[0]
+    return f"{count} messages refused ({reason}): {reasons.get(reason, 'see ./msls inspect')}"
+
+
+def _open(
+    bag: Path,
+    configuration: Configuration,
+    options: ReplayOptions,
+    gate: Synchronizer,
+    note: Callable[[Refused], None] = lambda _: None,
+) -> _Opened:
     """Return the bag's reader, the source of samples in it, and the prefix of the topics."""
-    looked = BagReader(bag, definition_paths=options.definitions, held=options.held)
+    looked = open_any(bag, definition_paths=options.definitions, held=options.held)
     if options.inputs is None:
         topics = find_topics(bag, looked.topics, options.namespace)
         source: Source = SampleSource(topics, gate)
@@ -206,6 +241,7 @@ def _open(bag: Path, configuration: Configuration, options: ReplayOptions, gate:
             configuration.effectors,
             time_jump=configuration.time_jump,
             refused=gate.refused,
+            report=note,
         )
         try:
             source = MappedSource(looked, adapter, gate)
@@ -214,6 +250,9 @@ def _open(bag: Path, configuration: Configuration, options: ReplayOptions, gate:
             raise BagError(message) from error
         prefix = "/"
     if options.merge:
+        if isinstance(looked, LogReader):
+            message = f"{bag}: its rows are no messages of ROS: a log cannot be merged into a bag"
+            raise BagError(message)
         return _Opened(looked, source, prefix)
     return _Opened(looked.only(source.topics), source, prefix)
 

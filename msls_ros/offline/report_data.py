@@ -2,43 +2,42 @@
 
 from __future__ import annotations
 
-import json
-import platform
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import datetime, timezone
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.bags import BagError
+from msls_ros.bags import BagError, open_any
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import items
+from msls_ros.inputs import InputMap
 from msls_ros.inputs.profiles import read_profile
+from msls_ros.offline.best import origin_of
+from msls_ros.offline.inspection import Inspection, inspect
+from msls_ros.offline.mapped import is_own, mapped_recording
+from msls_ros.offline.opening import Chosen, chosen_parameters
 from msls_ros.offline.recompute import Recomputed, fitting, recompute
 from msls_ros.offline.recording import Recording, Stamped, longest_stretch, record_of
 from msls_ros.offline.replay import PARAMETERS, kept_parameters
-from msls_ros.report.recorded import (
-    Detection,
-    Dither,
-    Event,
-    Models,
-    Recorded,
-    Refusals,
-    Setting,
-    Signals,
-    Truth,
+from msls_ros.offline.report_series import (
+    dither_of,
+    event_of,
+    flown,
+    models_of,
+    signals_of,
+    times,
+    truth_of,
+    versions,
 )
+from msls_ros.offline.sources import InputTopics
+from msls_ros.offline.trust import trust_of
+from msls_ros.report.recorded import Detection, Finding, Models, Recorded, Refusals, Setting
 
 Array = NDArray[np.float64]
-_KINDS = {1: "detected", 2: "isolated", 3: "recovered"}
-_EPOCH = 100_000_000_000_000
-"""Stamps beyond this count from somewhere else than the flight's beginning [ns]."""
-_PROGRAMS = ("numpy", "numba", "rosbags", "matplotlib")
 
 
 def gather(
@@ -67,21 +66,36 @@ def gather(
     EstimationError
         If the configuration is wrong.
     """
-    record = record_of(bag, namespace, lambda share: progress("reading", share))
-    return _Gathering(bag, record, params).run(lambda share: progress("identifying", share))
+    reader = open_any(bag)
+    if is_own(reader):
+        record = record_of(bag, namespace, lambda share: progress("reading", share))
+        gathering = _Gathering(bag, record, params)
+    else:
+        chosen = chosen_parameters(reader, params, namespace)
+        assert isinstance(chosen.inputs, InputMap)
+        inspection = inspect(reader, chosen.configuration, chosen.inputs)
+        record = mapped_recording(reader, chosen.configuration, chosen.inputs, lambda s: progress("reading", s))
+        gathering = _Gathering(bag, record, params, chosen)
+        gathering.inspection = inspection
+    return gathering.run(lambda share: progress("identifying", share))
 
 
 class _Gathering:
     """Puts together what was recorded and what is computed again."""
 
-    def __init__(self, bag: Path, record: Recording, params: str | None) -> None:
+    def __init__(self, bag: Path, record: Recording, params: str | None, chosen: Chosen | None = None) -> None:
         self.bag, self.record = bag, record
         self.warnings = list(record.warnings)
         self.missing: list[str] = []
         self.recorded_models = bool(record.messages["model"])
         self.samples = {leaf: record.samples(leaf) for leaf in ("state", "effectors")}
         self.inputs = all(self.samples.values())
-        self.configuration, self.source = self._configuration(params)
+        self.inspection: Inspection | None = None
+        self.configuration: Configuration | None
+        if chosen is not None:
+            self.configuration, self.source = chosen.configuration, f"Read with {chosen.source}."
+        else:
+            self.configuration, self.source = self._configuration(params)
 
     def _configuration(self, params: str | None) -> tuple[Configuration | None, str]:
         """Return the configuration, if any, and where it is from."""
@@ -109,7 +123,7 @@ class _Gathering:
             )
         stamps = [stream[0][0] for stream in streams.values() if stream]
         first = min(stamps, default=0)
-        self.origin = first if first > _EPOCH else 0
+        self.origin = origin_of(first)
         flight = self._recorded(streams, computed)
         self._say_what_is_missing(flight)
         return replace(flight, warnings=self.warnings, missing=self.missing)
@@ -139,26 +153,32 @@ class _Gathering:
             streams["signals"] = computed.signals
             streams["computed model"] = computed.models.items
             if not self.recorded_models:
-                streams.update({"fault": list(computed.events), "dither": list(computed.dithers)})
+                streams["fault"] = list(computed.events)
         return streams
 
     def _recorded(self, streams: dict[str, Stamped[Any]], computed: Recomputed | None) -> Recorded:
-        models = self._models(streams["model"] or streams.get("computed model", []), computed)
-        truth = self._truth(streams["truth/model"], models)
-        dither = self._dither(streams["dither"], truth, models)
+        stride = self.record.stride if self.recorded_models or computed is None else computed.models.stride
+        stream = streams["model"] or streams.get("computed model", [])
+        models = models_of(stream, self.origin, stride, self.warnings)
+        truth = truth_of(streams["truth/model"], self.origin, models, self.warnings)
+        dither = dither_of(streams["dither"], self.origin, truth, models, self.bag)
+        events = [event_of(stamp, self.origin, event) for stamp, event in streams["fault"]]
+        alarms = [e for e in events if e.kind == "detected"]
         return Recorded(
             name=f"{self.bag.resolve().parent.name}/{self.bag.resolve().name}",
             origin=self._origin_text(),
             topics=self.record.topics,
-            states=self._signals(streams["state"]),
-            deflections=self._signals(streams["effectors"]),
+            states=signals_of(streams["state"], self.origin),
+            deflections=signals_of(streams["effectors"], self.origin),
             models=models,
             models_source=self._models_source(models),
             truth=truth,
             dither=dither,
-            events=[self._event(stamp, event) for stamp, event in streams["fault"]],
+            events=events,
             detection=self._detection(streams.get("signals", [])),
             agreement=self._agreement(streams),
+            trust=trust_of(self.configuration, computed, models, alarms, self.origin),
+            findings=self._findings(),
             refusals=self._refusals(computed),
             samples=computed.paired if computed is not None else None,
             settings=self._settings(),
@@ -167,8 +187,13 @@ class _Gathering:
             versions=versions(),
         )
 
-    def _time(self, stream: Stamped[Any]) -> Array:
-        return np.array([(stamp - self.origin) * 1e-9 for stamp, _ in stream], dtype=np.float64)
+    def _findings(self) -> list[Finding]:
+        """Return what the check of the data finds."""
+        found = self.inspection
+        if found is None and self.inputs and self.configuration is not None:
+            reader = open_any(self.bag)
+            found = inspect(reader, self.configuration, InputTopics(self.record.prefix))
+        return [Finding(f.level, f.where, f.what, f.change) for f in found.findings] if found is not None else []
 
     def _origin_text(self) -> str:
         if not self.origin:
@@ -176,114 +201,17 @@ class _Gathering:
         begin = datetime.fromtimestamp(self.origin * 1e-9, timezone.utc)
         return f"time 0 is {begin:%Y-%m-%d %H:%M:%S.%f} UTC (stamp {self.origin * 1e-9:.3f} s)"
 
-    def _signals(self, stream: Stamped[Any]) -> Signals | None:
-        if not stream:
-            return None
-        names = stream[0][1].names
-        same = [
-            (stamp, sample) for stamp, sample in stream if sample.names == names and len(sample.values) == len(names)
-        ]
-        if not same:
-            return None
-        return Signals(self._time(same), tuple(names), np.array([sample.values for _, sample in same]))
-
-    def _models(self, stream: Stamped[Any], computed: Recomputed | None) -> Models | None:
-        if not stream:
-            return None
-        first = stream[0][1]
-        states, effectors, p = tuple(first.states), tuple(first.effectors), len(first.regressors)
-        n, m = len(states), len(effectors)
-        sizes = {"a": n * n, "b": n * m, "a_std": n * n, "b_std": n * m, "a_known": n * n, "a_reliable": n * n,
-                 "b_reliable": n * m, "excitation": p, "residual_std": n}  # fmt: skip
-        good = [
-            (stamp, model)
-            for stamp, model in stream
-            if tuple(model.states) == states and all(np.size(getattr(model, k)) == s for k, s in sizes.items())
-        ]
-        if len(good) < len(stream):
-            self.warnings.append(f"{len(stream) - len(good)} models with other names or wrong lengths are left out")
-        if not good or not n:
-            return None
-        columns = {k: np.array([np.ravel(getattr(model, k)) for _, model in good]) for k in sizes}
-        square, wide = (-1, n, n), (-1, n, m)
-        return Models(
-            time=self._time(good),
-            states=states,
-            effectors=effectors,
-            regressors=tuple(first.regressors),
-            a=columns["a"].reshape(square),
-            b=columns["b"].reshape(wide),
-            a_std=columns["a_std"].reshape(square),
-            b_std=columns["b_std"].reshape(wide),
-            a_known=columns["a_known"][-1].reshape(n, n).astype(np.bool_),
-            a_reliable=columns["a_reliable"].reshape(square).astype(np.bool_),
-            b_reliable=columns["b_reliable"].reshape(wide).astype(np.bool_),
-            excitation=columns["excitation"],
-            residual_std=columns["residual_std"],
-            stride=self.record.stride if self.recorded_models or computed is None else computed.models.stride,
-        )
-
     def _models_source(self, models: Models | None) -> str:
         if models is None:
             return ""
         thinned = f", every {models.stride}th is drawn" if models.stride > 1 else ""
         return ("models as recorded" if self.recorded_models else "models computed from the recorded inputs") + thinned
 
-    def _truth(self, stream: Stamped[Any], models: Models | None) -> Truth | None:
-        if not stream or models is None:
-            return None
-        first = stream[0][1]
-        states, effectors = list(first.states), list(first.effectors)
-        lacking = [n for n in models.states if n not in states] + [e for e in models.effectors if e not in effectors]
-        if lacking:
-            self.warnings.append(f"truth/model has no '{lacking[0]}': it cannot be compared with the estimate")
-            return None
-        n, m = len(states), len(effectors)
-        good = [(s, t) for s, t in stream if list(t.states) == states and len(t.a) == n * n and len(t.b) == n * m]
-        if not good:
-            return None
-        rows = [states.index(name) for name in models.states]
-        columns = [effectors.index(name) for name in models.effectors]
-        a = np.array([t.a for _, t in good]).reshape(-1, n, n)[:, rows][:, :, rows]
-        b = np.array([t.b for _, t in good]).reshape(-1, n, m)[:, rows][:, :, columns]
-        return Truth(self._time(good), a, b)
-
-    def _dither(self, stream: Stamped[Any], truth: Truth | None, models: Models | None) -> Dither | None:
-        if not stream:
-            return None
-        names = tuple(getattr(stream[0][1], "effectors", models.effectors if models is not None else ()))
-        same = [(stamp, d) for stamp, d in stream if len(d.delta) == len(names)]
-        if not same:
-            return None
-        dither = Dither(
-            time=self._time(same),
-            effectors=names,
-            delta=np.array([d.delta for _, d in same], dtype=np.float64),
-            predicted=np.array([d.predicted_acceleration for _, d in same]),
-            limit=np.array([d.acceleration_limit for _, d in same]),
-            level=np.clip(np.array([int(d.level) for _, d in same], dtype=np.int64), 0, 3),
-            reasons=dict(Counter(str(d.reason) for _, d in same).most_common()),
-        )
-        return replace(dither, realised=_realised(dither, truth, models, self.bag))
-
-    def _event(self, stamp: int, e: Any) -> Event:
-        return Event(
-            time=(stamp - self.origin) * 1e-9,
-            kind=_KINDS.get(int(e.kind), "detected"),
-            equations=tuple(e.equations),
-            statistic=tuple(float(v) for v in e.statistic),
-            threshold=tuple(float(v) for v in e.threshold),
-            effector=str(e.suspected_effector),
-            effectiveness=float(e.effectiveness),
-            effectiveness_std=float(e.effectiveness_std),
-            description=str(e.description),
-        )
-
     def _detection(self, stream: Stamped[Any]) -> Detection | None:
         if not stream or self.configuration is None:
             return None
         return Detection(
-            time=self._time(stream),
+            time=times(stream, self.origin),
             rows=self.configuration.rows,
             error=np.array([error for _, (error, _) in stream]),
             statistic=np.array([statistic for _, (_, statistic) in stream]),
@@ -318,9 +246,9 @@ class _Gathering:
         if computed is not None:
             found.append(
                 Refusals(
-                    "Counted by the identifier's input checks when the bag was read",
-                    computed.refused,
-                    computed.examples,
+                    "Counted by the identifier's input checks when the log was read",
+                    {**self.record.refused, **computed.refused},
+                    {**self.record.examples, **computed.examples},
                 )
             )
         return found
@@ -334,16 +262,14 @@ class _Gathering:
         """List what the bag does not hold, and the consequence."""
         if not self.recorded_models:
             self.missing.append(
-                "The bag holds no model: models, events and dither are identified offline from its inputs."
+                "The log holds no model: models and events are identified from its inputs."
                 if flight.models is not None
-                else "The bag holds no model, and none can be computed from its inputs."
+                else "The log holds no model, and none can be computed from its inputs."
             )
         for leaf, what in (("state", "states"), ("effectors", "deflections")):
             if not self.samples[leaf]:
                 self.missing.append(f"The bag holds no {what} (topic {leaf}): nothing can be recomputed.")
-        if flight.dither is None:
-            self.missing.append("The bag holds no dither.")
-        if flight.truth is None:
+        if flight.truth is None and self.recorded_models:
             self.missing.append("The bag holds no truth (topic truth/model): estimates cannot be compared.")
         if self.recorded_models and self.configuration is None:
             self.missing.append(
@@ -355,50 +281,3 @@ def _text(value: Any) -> str:
     if isinstance(value, tuple):
         return ", ".join(_text(v) for v in value) or "(none)"
     return f"{value:g}" if isinstance(value, float) else str(value)
-
-
-def _realised(dither: Dither, truth: Truth | None, models: Models | None, bag: Path) -> Array | None:
-    """Return the rms over 1 s of the acceleration by the dither alone, where the aircraft is our plant."""
-    if truth is None or models is None or len(dither.time) < 3:
-        return None
-    from msls_ros.flights.comparison import realised_acceleration
-    from msls_ros.offline.comparison import airframe_of
-    from msls_ros.plant import STATES
-
-    airframe = airframe_of(bag)
-    effectors = airframe.effectors
-    if models.states != tuple(STATES) or models.effectors != effectors or dither.effectors != effectors:
-        return None
-    flat = truth.b.reshape(len(truth.b), -1)
-    held = np.stack([np.interp(dither.time, truth.time, column) for column in flat.T], axis=1)
-    acceleration = realised_acceleration(dither.time, dither.delta, held.reshape(-1, *truth.b.shape[1:]), airframe)
-    step = float(np.median(np.diff(dither.time)))
-    width = int(np.clip(round(1.0 / step) if step > 0.0 else 1, 1, len(dither.time)))
-    square = np.convolve(np.square(acceleration).sum(axis=1), np.ones(width) / width, mode="same")
-    return np.sqrt(square)
-
-
-def flown(bag: Path) -> str:
-    """Return what the demo flew, from the summary that it leaves beside the bag; empty: not known."""
-    try:
-        summary = json.loads((bag.resolve().parent / "summary.json").read_text(encoding="utf-8"))
-        if Path(summary["bag"]).name != bag.resolve().name:
-            return ""
-        text = str(summary.get("description", summary["scenario"]))
-    except (OSError, ValueError, KeyError, TypeError):
-        return ""
-    noise = f", sensor noise {summary['noise']}, seed {summary['seed']}" if {"noise", "seed"} <= set(summary) else ""
-    return f"{text}{noise}"
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of what the report was made with."""
-    found = {"msls_ros": _version("msls_ros"), "Python": platform.python_version()}
-    return {**found, **{name: _version(name) for name in _PROGRAMS}}
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return "not installed"

@@ -16,7 +16,7 @@ from typing import Protocol
 
 import numpy as np
 
-from msls_ros.bags import BagError, BagMessage, BagReader, SampleDecoder
+from msls_ros.bags import AnyReader, BagError, BagMessage, SampleDecoder
 from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
 from msls_ros.inputs.block_pairing import PairedBlock, Stream, pair_block
 from msls_ros.inputs.synchronizer import PENDING
@@ -94,7 +94,7 @@ def find_topics(bag: Path, topics: dict[str, str], namespace: str | None) -> Inp
     raise BagError(message)
 
 
-def ordered_batches(reader: BagReader, wanted: Sequence[str], longest_run: int) -> Batches:
+def ordered_batches(reader: AnyReader, wanted: Sequence[str], longest_run: int) -> Batches:
     """Yield a bag's messages in the order in which the gate is to see them, some at a time.
 
     Parameters
@@ -279,7 +279,7 @@ class MappedSource:
 
     longest_run = _LOOK // 2
 
-    def __init__(self, reader: BagReader, adapter: InputAdapter, gate: Synchronizer) -> None:
+    def __init__(self, reader: AnyReader, adapter: InputAdapter, gate: Synchronizer) -> None:
         """Check topics and types; see the class."""
         self._reader, self._adapter, self._gate = reader, adapter, gate
         self.topics = tuple(adapter.topics)

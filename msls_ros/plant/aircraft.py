@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from msls_ros.plant.conditions import FlightCondition
-from msls_ros.plant.faults import check_damage
+from msls_ros.plant.faults import check_damage, check_hard_over
 from msls_ros.plant.interface import TURBULENCE, LinearTruth, PlantError, Sample
 from msls_ros.plant.model import Surroundings
 from msls_ros.plant.stock import make_model
@@ -202,6 +202,7 @@ class Aircraft:
         *,
         ramp: float = 0.0,
         stuck: bool = False,
+        hard_over: float | None = None,
     ) -> str:
         """Damage a surface, or all surfaces of an effector, from the next step on; it replaces earlier damage.
 
@@ -217,6 +218,8 @@ class Aircraft:
             Time over which effectiveness and bias change linearly from what they are now [s]; 0: at once.
         stuck : bool
             The surface's actuator stays where it is, from the next step on; its deflection is measured as ever.
+        hard_over : float or None
+            The surface's actuator is driven there, and measured there [rad]; for an effector, of the effector.
 
         Returns
         -------
@@ -230,6 +233,7 @@ class Aircraft:
         """
         airframe = self.airframe
         names = check_damage(airframe, surface_or_effector, effectiveness, bias, ramp, stuck)
+        check_hard_over(airframe, surface_or_effector, hard_over, stuck)
         for name in names:
             surface = airframe.surface_names.index(name)
             share = 1.0
@@ -237,6 +241,7 @@ class Aircraft:
                 share = airframe.mixing[surface][airframe.effectors.index(surface_or_effector)]
             after = (float(effectiveness), share * float(bias))
             self._model.set_stuck(surface, stuck)
+            self._model.drive(surface, None if hard_over is None else share * float(hard_over))
             self._ramps.pop(surface, None)
             if ramp:
                 self._ramps[surface] = _Ramp(self.time, self.time + ramp, self._model.damage_of(surface), after)
@@ -244,7 +249,7 @@ class Aircraft:
                 self._model.set_damage(surface, *after)
         left = {1.0: "intact", 0.0: "lost"}.get(float(effectiveness), f"{effectiveness:.0%} effective")
         added = f", with {bias:+.4f} rad added" if bias else ""
-        held = ", stuck" if stuck else ""
+        held = ", stuck" if stuck else "" if hard_over is None else f", driven to {hard_over:+.4f} rad"
         until = f" over {ramp:g} s" if ramp else ""
         return f"{' and '.join(names)} {left}{added}{held}, from {self.time:.2f} s{until}"
 

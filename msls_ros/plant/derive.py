@@ -2,7 +2,7 @@
 
 The aerodynamics read each surface through what is ours; the aircraft's own flight controls stay as they are::
 
-    surfaces/X-own-rad = actuator(sum of the effectors' commands - trim)
+    surfaces/X-own-rad = actuator(sum of the effectors' commands - trim, or where a fault drives it)
     surfaces/X-pos-rad = unit * fcs/X + surfaces/X-own-rad                   (measured; holds when stuck)
     surfaces/X-felt    = (damage/X-effectiveness * surfaces/X-pos-rad + damage/X-bias-rad) / unit      (by the air)
 
@@ -235,6 +235,7 @@ def _add_controls(controls: ET.Element, airframe: Airframe, ideal: bool, declare
     properties = [(f"fcs/{name}-cmd-rad", 0.0) for name in airframe.effectors]
     for name in airframe.surface_names:
         properties += [(f"damage/{name}-effectiveness", 1.0), (f"damage/{name}-bias-rad", 0.0)]
+        properties += [(f"damage/{name}-driven", 0.0), (f"damage/{name}-position-rad", 0.0)]
         properties += [(f"surfaces/{name}-trim-rad", 0.0)]
     properties += [(f"wind/{axis}-rad_sec", 0.0) for axis in "pqr"] + [(name, 0.0) for name in declared]
     for i, (name, value) in enumerate(properties):  # before the first channel, or JSBSim mis-loads the file
@@ -256,7 +257,11 @@ def _components(surface: Surface, row: dict[str, float], ideal: bool) -> Iterato
         yield ET.fromstring(f"<actuator name='{place}-pos-rad'><input>{place}-cmd-rad</input></actuator>")
     else:
         limits = f"<lag>{actuator.bandwidth!r}</lag><rate_limit>{actuator.rate_limit!r}</rate_limit>"
-        yield ET.fromstring(f"<actuator name='{place}-own-rad'><input>{place}-cmd-rad</input>{limits}</actuator>")
+        driven = f"<property>damage/{name}-position-rad</property>{_product(f'{place}-trim-rad', -1.0)}"
+        yield _function(f"{place}-driven-rad", f"<sum>{driven}</sum>")
+        test = f"<test value='{place}-driven-rad'>damage/{name}-driven gt 0.5</test>"
+        yield ET.fromstring(f"<switch name='{place}-asked-rad'><default value='{place}-cmd-rad'/>{test}</switch>")
+        yield ET.fromstring(f"<actuator name='{place}-own-rad'><input>{place}-asked-rad</input>{limits}</actuator>")
         both = f"{_product(surface.position, surface.unit)}<property>{place}-own-rad</property>"
         yield _function(f"{place}-sum-rad", f"<sum>{both}</sum>", bounds)
         yield ET.fromstring(f"<actuator name='{place}-pos-rad'><input>{place}-sum-rad</input></actuator>")

@@ -42,7 +42,9 @@ class Fault:
     stuck : bool
         The actuator stays where it is.
     bias : float
-        Deflection that the fault adds to what the air feels [rad]; for an effector, of the effector.
+        Deflection that the fault adds to what the air feels, unmeasured [rad]; for an effector, of the effector.
+    hard_over : float or None
+        Where the actuator is driven, and stays, measured [rad]; for an effector, of the effector. None: it follows.
     airframe : Airframe
         What has these surfaces and effectors.
 
@@ -58,11 +60,13 @@ class Fault:
     ramp: float = 0.0
     stuck: bool = False
     bias: float = 0.0
+    hard_over: float | None = None
     airframe: Airframe = field(default=F16_MATV, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse what cannot break."""
         check_damage(self.airframe, self.effector, self.effectiveness, self.bias, self.ramp, self.stuck)
+        check_hard_over(self.airframe, self.effector, self.hard_over, self.stuck)
         if not (_is_number(self.time) and 0.0 <= self.time <= LATEST):
             message = f"time {self.time!r} s: expected a number from 0 to {LATEST:g}"
             raise PlantError(message)
@@ -83,7 +87,8 @@ class Fault:
         Parameters
         ----------
         text
-            The effector, then ``time`` and ``effectiveness``, and where wanted ``ramp``, ``stuck`` and ``bias``.
+            The effector, then ``time`` and ``effectiveness``, and where wanted ``ramp``, ``stuck``, ``bias`` and
+            ``hard_over``.
         airframe
             What has that effector.
 
@@ -114,10 +119,11 @@ class Fault:
         return (
             f"{self.effector} time={float(self.time)!r} effectiveness={float(self.effectiveness)!r} "
             f"ramp={float(self.ramp)!r} stuck={stuck} bias={float(self.bias)!r}"
+            + ("" if self.hard_over is None else f" hard_over={float(self.hard_over)!r}")
         )
 
 
-_FORM = "EFFECTOR time=... effectiveness=... and where wanted ramp=... stuck=true bias=..."
+_FORM = "EFFECTOR time=... effectiveness=... and where wanted ramp=... stuck=true bias=... hard_over=..."
 
 
 class Damageable(Protocol):
@@ -131,6 +137,7 @@ class Damageable(Protocol):
         *,
         ramp: float = 0.0,
         stuck: bool = False,
+        hard_over: float | None = None,
     ) -> str:
         """See `Aircraft.damage`."""
 
@@ -174,7 +181,10 @@ class FaultSchedule:
 
 
 def _strike(fault: Fault, aircraft: Damageable) -> str:
-    return aircraft.damage(fault.effector, fault.effectiveness, fault.bias, ramp=fault.ramp, stuck=fault.stuck)
+    driven = {} if fault.hard_over is None else {"hard_over": fault.hard_over}
+    return aircraft.damage(
+        fault.effector, fault.effectiveness, fault.bias, ramp=fault.ramp, stuck=fault.stuck, **driven
+    )
 
 
 def check_damage(
@@ -206,6 +216,25 @@ def check_damage(
         message = f"stuck {stuck!r}: expected True or False"
         raise PlantError(message)
     return names
+
+
+def check_hard_over(airframe: Airframe, effector: str, hard_over: float | None, stuck: bool) -> None:
+    """Refuse a position that an actuator cannot be driven to.
+
+    Raises
+    ------
+    PlantError
+        For a number out of range, or a surface that is stuck too; the sentence begins with what is wrong.
+    """
+    if hard_over is None:
+        return
+    actuator = airframe.surface(airframe.surfaces_of.get(effector, (effector,))[0]).actuator
+    if not (_is_number(hard_over) and actuator.low <= hard_over <= actuator.high):
+        message = f"hard_over {hard_over!r} rad: expected a number from {actuator.low:.3f} to {actuator.high:.3f}"
+        raise PlantError(message)
+    if stuck:
+        message = f"hard_over {hard_over!r} rad: expected none for a surface that is stuck, or not stuck"
+        raise PlantError(message)
 
 
 def check_faults(faults: Sequence[Fault], name: str = "faults") -> None:

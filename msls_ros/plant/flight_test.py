@@ -16,14 +16,14 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 
 import numpy as np
 
 from msls_ros.plant.definition import Airframe
 from msls_ros.plant.interface import Array, PlantError
-from msls_ros.plant.manoeuvres import MANOEUVRES, Manoeuvre
+from msls_ros.plant.manoeuvres import MANOEUVRES, Manoeuvre, RollDoublet
 
 PITCH, ROLL, YAW = range(3)
 _AXES = {"elevator": PITCH, "aileron": ROLL, "rudder": YAW}
@@ -190,7 +190,7 @@ class FlightTest:
 
 
 def parse_manoeuvre(text: str, airframe: Airframe, scale: float = 1.0) -> Manoeuvre:
-    """Read a manoeuvre: a name of `MANOEUVRES`, or segments separated by semicolons.
+    """Read a manoeuvre: a name of `MANOEUVRES`, or segments separated by semicolons; a doublet's rate is scaled, too.
 
     Raises
     ------
@@ -198,7 +198,8 @@ def parse_manoeuvre(text: str, airframe: Airframe, scale: float = 1.0) -> Manoeu
         For a text that is neither.
     """
     if text in MANOEUVRES:
-        return MANOEUVRES[text]
+        named = MANOEUVRES[text]
+        return replace(named, rate=scale * named.rate) if isinstance(named, RollDoublet) and scale != 1.0 else named
     parts = [part for part in text.split(";") if part.strip()]
     if len(parts) == 1 and len(parts[0].split()) == 1:
         close = difflib.get_close_matches(text, (*MANOEUVRES, *KINDS), 1)

@@ -122,6 +122,8 @@ class Model:
         self._effectiveness = self._nodes([f"damage/{name}-effectiveness" for name in surfaces])
         self._bias = self._nodes([f"damage/{name}-bias-rad" for name in surfaces])
         self._stuck = self._nodes([f"surfaces/{name}-pos-rad/malfunction/fail_stuck" for name in surfaces])
+        self._driven = self._nodes([f"damage/{name}-driven" for name in surfaces])
+        self._driven_to = self._nodes([f"damage/{name}-position-rad" for name in surfaces])
         self._throttle = self._nodes(["fcs/throttle-cmd-norm"])
         self._place = self._nodes(_PLACE)
         self._wind = self._nodes(_TURBULENCE)
@@ -291,6 +293,11 @@ class Model:
     def set_stuck(self, surface: int, stuck: bool) -> None:
         """Let the actuator of one surface stay where it is, or follow its command again."""
         self._stuck[surface].set_double_value(float(stuck))
+
+    def drive(self, surface: int, position: float | None) -> None:
+        """Drive the actuator of one surface to a position [rad], or let it follow its command again (None)."""
+        self._driven_to[surface].set_double_value(position or 0.0)
+        self._driven[surface].set_double_value(float(position is not None))
 
     def set_damage(self, surface: int, effectiveness: float, bias: float) -> None:
         """Damage one surface: what is left of its effect [1], added deflection [rad]."""

@@ -10,6 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from msls_ros.report.style import causal_rms
+
 Array = NDArray[np.float64]
 
 TRUTH, OURS, PEER, OTHER = "#000000", "#0072B2", "#D55E00", "#009E73"
@@ -31,6 +33,22 @@ def new_figure(rows: int, title: str, height: float = 2.4, *, same_time: bool = 
     for axis in axes:
         axis.grid(alpha=0.3)
     return figure, list(axes)
+
+
+def new_multiples(number: int, title: str) -> tuple[Figure, list[Axes]]:
+    """Return a figure of small axes, three in a row, over one time."""
+    rows = -(-number // 3)
+    figure = Figure(figsize=(10.0, 0.7 + 1.45 * rows), layout="constrained", dpi=120)
+    axes = list(figure.subplots(rows, 3, sharex=True, squeeze=False).ravel())
+    figure.suptitle(title, fontsize=10)
+    for axis in axes[-3:]:
+        axis.set_xlabel("time [s]")
+    for axis in axes:
+        axis.grid(alpha=0.3)
+        axis.tick_params(labelsize=8)
+    for axis in axes[number:]:
+        axis.set_axis_off()
+    return figure, axes
 
 
 def mark_events(axes: Sequence[Axes], faults: Sequence[tuple[float, float]], alarms: Sequence[float]) -> None:
@@ -122,22 +140,16 @@ def plot_states(
     title
         Of the figure.
     """
-    figure, axes = new_figure(4, title, 1.9)
-    axes[0].plot(time, np.degrees(alpha - alpha[0]), label=f"angle of attack - {np.degrees(alpha[0]):.1f}")
-    axes[0].plot(time, np.degrees(beta), label="sideslip")
-    axes[0].set_ylabel("incidence [deg]")
-    for i, name in enumerate("PQR"):
-        axes[1].plot(time, np.degrees(x[:, 3 + i]), label=name)
-    axes[1].set_ylabel("rates [deg/s]")
-    axes[2].plot(time, np.degrees(x[:, 6]), label="bank Φ")
-    axes[2].plot(time, np.degrees(x[:, 7] - x[0, 7]), label=f"pitch Θ - {np.degrees(x[0, 7]):.1f}")
-    axes[2].set_ylabel("attitude [deg]")
-    for j, name in enumerate(names):
-        axes[3].plot(time, np.degrees(delta[:, j] - delta[0, j]), linewidth=0.9, label=name)
-    axes[3].set_ylabel("deflections\nfrom trim [deg]")
-    mark_events(axes, faults, alarms)
-    for axis in axes:
-        axis.legend(loc="upper left", ncols=1, fontsize=8, bbox_to_anchor=(1.0, 1.0))
+    start = f"angle of attack - {np.degrees(alpha[0]):.1f}"
+    panels = [(start, alpha - alpha[0]), ("sideslip", beta)]
+    panels += [(f"{name} [deg/s]", x[:, 3 + i]) for i, name in enumerate("PQR")]
+    panels += [("bank Φ", x[:, 6]), (f"pitch Θ - {np.degrees(x[0, 7]):.1f}", x[:, 7] - x[0, 7])]
+    panels += [(f"{name} - {np.degrees(delta[0, j]):.1f}", delta[:, j] - delta[0, j]) for j, name in enumerate(names)]
+    figure, axes = new_multiples(len(panels), f"{title}; [deg] from the first value, if not said otherwise")
+    for axis, (name, values) in zip(axes, panels, strict=False):
+        axis.plot(time, np.degrees(values), linewidth=0.9, color=OURS)
+        axis.set_title(name, fontsize=9, loc="left")
+    mark_events(axes[: len(panels)], faults, alarms)
     figure.savefig(path)
 
 
@@ -173,18 +185,19 @@ def plot_dither(
     title
         Of the figure.
     """
-    figure, axes = new_figure(2, title, 2.9)
+    m = len(names)
+    figure, axes = new_multiples(m + 1, f"{title}; commands in deg")
+    largest = 1.05 * max(float(np.abs(np.degrees(dither)).max()), 1e-3)
     for j, name in enumerate(names):
-        axes[0].plot(time, np.degrees(dither[:, j]), linewidth=0.7, label=name)
-    axes[0].set_ylabel("dither commands [deg]")
+        axes[j].plot(time, np.degrees(dither[:, j]), linewidth=0.7, color=OURS)
+        axes[j].set_ylim(-largest, largest)
+        axes[j].set_title(name, fontsize=9, loc="left")
     width = max(1, round(1.0 / float(np.median(np.diff(time)))))
-    moving = np.sqrt(np.convolve(np.square(realised).sum(axis=1), np.ones(width) / width, mode="same"))
-    axes[1].plot(time, limit, color=TRUTH, linestyle="--", label="limit (rms)")
-    axes[1].plot(time, predicted, color=OURS, label="predicted (rms)")
-    axes[1].plot(time, moving, color=PEER, label="realised (rms over 1 s)")
-    axes[1].set_ylabel("acceleration\nat the pilot [g]")
-    axes[1].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
-    mark_events(axes, faults, alarms)
-    for axis in axes:
-        axis.legend(loc="upper left", fontsize=8, bbox_to_anchor=(1.0, 1.0))
+    axes[m].plot(time, limit, color=TRUTH, linestyle="--", label="limit")
+    axes[m].plot(time, predicted, color=OURS, label="predicted")
+    axes[m].plot(time, causal_rms(realised, width), color=PEER, linestyle="-.", label="realised, the last 1 s")
+    axes[m].set_title("acceleration at the pilot, rms [g]", fontsize=9, loc="left")
+    axes[m].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
+    axes[m].legend(fontsize=7)
+    mark_events(axes[: m + 1], faults, alarms)
     figure.savefig(path)

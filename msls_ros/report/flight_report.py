@@ -1,37 +1,38 @@
-"""A flight's report: draws what there is, says what is missing, puts it on a page."""
+"""A flight's report, in the order of a reader's questions: the verdict, can I trust it, what changed, what is known."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
+from typing import Any
 
 import numpy as np
 
-from msls_ros.report import model_maps, overview, page, parameters, signals, words
+from msls_ros.report import charts, model_tables, page, parameters, words
+from msls_ros.report.chart import Marks, chart
+from msls_ros.report.knowledge import Knowledge, SlowChange, gather_knowledge, slow_changes
 from msls_ros.report.page import Head, Section
 from msls_ros.report.parameters import Parameter, quality
 from msls_ros.report.recorded import Models, Recorded, TruthChange
-from msls_ros.report.style import Drawn, derivative, house_style
+from msls_ros.report.style import derivative, number
+from msls_ros.report.verdict import verdict
 
-FIGURES = (
-    "events", "flight", "model", "model_before_alarm", "model_truth", "parameters", "parameters_alarm", "detection",
-    "residuals", "dither", "excitation",
-)  # fmt: skip
-"""Names of all figures that there can be."""
-_BEFORE, _AFTER = 0.5, 2.0
-"""The window about an alarm [s]."""
+_SAVED_POINTS = 400
+"""Of a parameter over time in the JSON that the page holds."""
 
 
 @dataclass
 class Report:
-    """A page and its figures."""
+    """A page."""
 
     html: str
-    figures: list[Drawn]
-    headline: list[str]
+    verdict: list[str]
     parameters: list[str] = field(default_factory=list)
     """Which were shown."""
+    sections: list[str] = field(default_factory=list)
+    figures: list[str] = field(default_factory=list)
 
 
 def make_report(flight: Recorded, wanted: Sequence[str] = ()) -> Report:
@@ -49,165 +50,161 @@ def make_report(flight: Recorded, wanted: Sequence[str] = ()) -> Report:
     ReportError
         For a parameter that does not exist.
     """
-    with house_style():
-        return _Builder(flight, wanted).build()
+    return _Builder(flight, wanted).build()
 
 
 class _Builder:
-    """Collects figures and sections."""
+    """Collects the sections."""
 
     def __init__(self, flight: Recorded, wanted: Sequence[str]) -> None:
         self.flight = flight
         self.models: Models | None = flight.models if flight.models is not None and len(flight.models.time) else None
         self.changes: list[TruthChange] = []
         self.parameters: list[Parameter] = []
+        self.known: Knowledge | None = None
+        self.slow: list[SlowChange] = []
         if self.models is not None:
             names = list(wanted) or parameters.choose(self.models)
             self.parameters = [parameters.pick(self.models, flight.truth, name) for name in names]
+            self.known = gather_knowledge(self.models, flight.alarms)
+            self.slow = slow_changes(self.models, flight.alarms)
             if flight.truth is not None:
                 self.changes = words.find_changes(flight.truth, self.models)
-        self.figures: list[Drawn] = []
+        alarms, changes = [e.time for e in flight.alarms], [c.time for c in self.changes]
+        self.marks = Marks(flight.span, alarms, changes, [*alarms, *changes])
         self.sections: list[Section] = []
+        self.figures: list[str] = []
 
     def build(self) -> Report:
-        self._events()
-        self._flight()
+        self._trust()
+        self._changed()
         self._model()
         self._parameters()
+        self._flight()
+        self._events()
         self._detection()
         self._dither()
-        self._excitation()
         self._refusals()
         self._configuration()
-        self._bag()
-        summary = words.headline(self.flight, self.changes)
-        summary = [f"Flown: {self.flight.scenario}.", *summary] if self.flight.scenario else summary
+        sentences = verdict(self.flight, self.known, self.slow, self.changes)
+        self._numbers(sentences)
+        about = (self.flight.scenario, self.flight.origin, self.flight.models_source)
         head = Head(
             name=self.flight.name,
-            about=self._about(),
-            summary=summary,
-            tiles=self._tiles(),
+            about=" · ".join(part for part in about if part),
+            verdict=sentences,
             notes=[*self.flight.warnings, *self.flight.missing],
         )
+        names = [f"{p.row}/{p.column}" for p in self.parameters]
         html = page.render(head, self.sections)
-        return Report(html, self.figures, summary, [f"{p.row}/{p.column}" for p in self.parameters])
-
-    def _draw(self, drawn: Drawn | None) -> str:
-        if drawn is None:
-            return ""
-        self.figures.append(drawn)
-        return page.figure(drawn)
+        return Report(html, sentences, names, [s.anchor for s in self.sections], self.figures)
 
     def _add(self, anchor: str, title: str, body: str) -> None:
         if body:
             self.sections.append(Section(anchor, title, body))
 
-    def _about(self) -> str:
-        return " · ".join(part for part in (self.flight.origin, self.flight.models_source) if part)
+    def _draw(self, drawn: charts.Drawn | None, columns: int = 1) -> str:
+        if drawn is None or not drawn.panels:
+            return ""
+        self.figures.append(drawn.name)
+        return chart(drawn.name, drawn.title, drawn.caption, drawn.panels, self.marks, columns)
 
-    def _tiles(self) -> list[tuple[str, str]]:
-        flight = self.flight
-        begin, end = flight.span
-        tiles = [(f"{end - begin:.1f} s", "of flight" if flight.samples is None else f"{flight.samples:,} samples")]
-        if flight.models is not None:
-            tiles.append((str(len(flight.alarms)), "alarm" if len(flight.alarms) == 1 else "alarms"))
-        if self.changes:
-            first = self.changes[0].time
-            alarm = next((e.time for e in flight.alarms if first < e.time <= first + words.ALARM_WINDOW), None)
-            tiles.append(("missed" if alarm is None else f"{alarm - first:.2f} s", "from true change to alarm"))
-        named = [e for e in flight.events if e.kind == "isolated"]
-        if named:
-            tiles.append((", ".join(dict.fromkeys(e.effector for e in named)), "isolated"))
-        if flight.dither is not None and len(flight.dither.time):
-            tiles.append(
-                (f"{float(np.nanmax(flight.dither.predicted)):.3f} g", "largest predicted dither at the pilot (rms)")
-            )
-        if flight.refusals:
-            tiles.append((f"{max(sum(r.counts.values()) for r in flight.refusals):,}", "messages refused"))
-        return tiles
-
-    def _events(self) -> None:
-        flight = self.flight
-        if self.models is None and not flight.events:
-            return
-        body = self._draw(overview.draw_timeline(flight, self.changes))
-        if flight.events:
+    def _trust(self) -> None:
+        trust, body = self.flight.trust, ""
+        if trust is not None and trust.equations:
+            body += page.paragraphs(charts.trust_sentences(trust))
             rows = [
-                [
-                    f"{e.time:.2f}", e.kind, ", ".join(derivative(n) for n in e.equations),
-                    ", ".join(f"{s:.1f} / {t:g}" for s, t in zip(e.statistic, e.threshold, strict=False)),
-                    f"{e.effector} ×{e.effectiveness:.2f} ± {e.effectiveness_std:.2f}" if e.effector else "",
-                    e.description,
-                ]
-                for e in flight.events
-            ]  # fmt: skip
-            heads = ("time [s]", "event", "equations", "statistic / threshold", "effectiveness", "description")
-            body += page.table(heads, rows, numbers=(0,))
-        self._add("events", "Events", body)
+                [derivative(e.name), f"{e.r2:.3f}" if e.excited else "not excited", words.percent(e.white)]
+                for e in trust.equations
+            ]
+            heads = ("equation", "R²: share predicted one sample ahead", "residual as white noise")
+            body += page.table(heads, rows, numbers=(1, 2)) + self._draw(charts.draw_trust(trust), 2)
+        if self.flight.agreement:
+            body += page.paragraphs([self.flight.agreement])
+        found = self.flight.findings
+        if found:
+            bad = [f for f in found if f.level != "note"]
+            rows = [[f.level, f.where, f.what, f.change] for f in found]
+            table = page.table(("", "where", "what was found", "what to change"), rows)
+            said = f"{len(bad)} to look at" if bad else "nothing is wrong"
+            body += f"<h3>Check of the data: {said}</h3>" + (table if bad else page.folded(f"{len(rows)} notes", table))
+        self._add("trust", "Can I trust it?", body)
 
-    def _flight(self) -> None:
-        self._add("flight", "The flight", self._draw(overview.draw_overview(self.flight, self.changes)))
+    def _changed(self) -> None:
+        if self.models is None:
+            return
+        body = ""
+        changed = charts.changed_parameters(self.models, self.flight, self.slow)
+        if changed:
+            rows = [[name, when, before, after, left] for name, when, before, after, left in changed]
+            heads = ("number", "when [s]", "before", "after", "after / before")
+            body += page.table(heads, rows, numbers=(2, 3, 4))
+            picked = [parameters.pick(self.models, self.flight.truth, row[0]) for row in changed[:4]]
+            panels = [parameters.panel_of(p) for p in picked]
+            body += self._draw(charts.Drawn("changes", "What changed", charts.PARAMETER_CAPTION, panels), 2)
+        else:
+            body = page.paragraphs(["Nothing that is sure."])
+        self._add("changes", "What changed?", body)
 
     def _model(self) -> None:
-        models = self.models
-        if models is None:
+        if self.known is None or self.models is None:
             return
-        last = len(models.time) - 1
-        body = self._draw(model_maps.draw_model(models, last, "model", "A and B at the end"))
-        if self.flight.alarms:
-            before = int(np.searchsorted(models.time, self.flight.alarms[0].time - 1e-9)) - 1
-            if before >= 0:
-                title = "A and B just before the first alarm"
-                body += self._draw(model_maps.draw_model(models, before, "model_before_alarm", title))
-        if self.flight.truth is not None:
-            title = "A and B at the end against truth"
-            body += self._draw(model_maps.draw_model(models, last, "model_truth", title, self.flight.truth))
-        self._add("model", "Model", body)
+        body = page.paragraphs([model_tables.LEGEND]) + model_tables.best_tables(self.known)
+        truth = self.flight.truth
+        if truth is not None and self.known.known.any():
+            table = model_tables.truth_table(self.known, truth.a[-1], truth.b[-1])
+            body += page.folded("beside the truth", table)
+        self._add("model", "The best model of the flight", body)
 
     def _parameters(self) -> None:
-        if not self.parameters:
+        if not self.parameters or self.models is None:
             return
-        flight = self.flight
-        body = self._draw(
-            parameters.draw_parameters(flight, self.parameters, self.changes, "parameters", "Parameters over time")
-        )
-        if flight.alarms:
-            first = flight.alarms[0].time
-            window = (max(first - _BEFORE, flight.span[0]), min(first + _AFTER, flight.span[1]))
-            title = f"The same around the first alarm, {first:.2f} s"
-            body += self._draw(
-                parameters.draw_parameters(flight, self.parameters, self.changes, "parameters_alarm", title, window)
-            )
+        panels = [parameters.panel_of(p) for p in self.parameters]
+        title = "Parameters over time"
+        body = self._draw(charts.Drawn("parameters", title, charts.PARAMETER_CAPTION, panels), 2)
         rows = []
         for p in self.parameters:
-            at_end = "" if p.truth is None else f"{p.truth[-1]:.3f}"
-            error = f" ± {p.std[-1]:.3f}" if np.isfinite(p.std[-1]) else ""
-            rows.append([p.label, f"{p.value[-1]:.3f}{error}", at_end, *words.quality_cells(quality(p))])
-        heads = ("parameter", "at the end", "truth", "rms error / rms truth", "truth within the 95 % band", "reliable",
-                 "within the band while reliable")  # fmt: skip
+            at_end = "" if p.truth is None else number(float(p.truth[-1]))
+            error = f" ± {number(float(p.std[-1]), 2)}" if np.isfinite(p.std[-1]) else ""
+            cells = words.quality_cells(quality(p))
+            rows.append([p.label, f"{number(float(p.value[-1]))}{error}", at_end, *cells])
+        heads = ["parameter", "at the end", "truth", "rms error / rms truth", "truth within the 95 % band", "reliable",
+                 "within the band while reliable"]  # fmt: skip
+        if self.flight.truth is None:
+            rows, heads = [[row[0], row[1], row[5]] for row in rows], [heads[0], heads[1], heads[5]]
         self._add("parameters", "Parameters", body + page.table(heads, rows, numbers=range(1, 7)))
 
+    def _flight(self) -> None:
+        self._add("flight", "Inputs and states", self._draw(charts.draw_flight(self.flight)))
+
+    def _events(self) -> None:
+        if not self.flight.events:
+            return
+        rows = [
+            [
+                f"{e.time:.2f}", e.kind, ", ".join(derivative(n) for n in e.equations),
+                ", ".join(f"{s:.1f} / {t:g}" for s, t in zip(e.statistic, e.threshold, strict=False)),
+                f"{e.effector} ×{e.effectiveness:.2f} ± {e.effectiveness_std:.2f}" if e.effector else "",
+                e.description,
+            ]
+            for e in self.flight.events
+        ]  # fmt: skip
+        heads = ("time [s]", "event", "equations", "statistic / threshold", "effectiveness", "description")
+        self._add("events", "Events", page.table(heads, rows, numbers=(0,)))
+
     def _detection(self) -> None:
-        flight = self.flight
-        body = page.paragraphs([flight.agreement]) if flight.agreement else ""
-        if flight.detection is not None and len(flight.detection.time):
-            body += self._draw(signals.draw_detection(flight, flight.detection, self.changes))
-        elif self.models is not None and self.models.identified:
-            body += self._draw(signals.draw_residuals(flight, self.models, self.changes))
-        self._add("detection", "Prediction errors and detector", body)
+        drawn = charts.draw_detection(self.flight, self.models)
+        self._add("detection", "Prediction errors and detector", self._draw(drawn, 2))
 
     def _dither(self) -> None:
         dither = self.flight.dither
-        if dither is None or not len(dither.time):
+        if dither is None or not len(dither.time) or not np.any(dither.delta):
             return
-        body = self._draw(signals.draw_dither(self.flight, dither, self.changes))
         rows = [[reason or "(none given)", f"{count:,}"] for reason, count in dither.reasons.items()]
-        self._add("dither", "Dither", body + page.table(("reason of the level", "commands"), rows, numbers=(1,)))
-
-    def _excitation(self) -> None:
-        if self.models is not None and len(self.models.regressors):
-            drawn = signals.draw_excitation(self.flight, self.models, self.changes)
-            self._add("excitation", "Excitation", self._draw(drawn))
+        table = page.table(("reason of the level", "commands"), rows, numbers=(1,))
+        self._add(
+            "dither", "Dither", self._draw(charts.draw_dither(dither)) + page.folded("reasons of the level", table)
+        )
 
     def _refusals(self) -> None:
         body = ""
@@ -219,7 +216,7 @@ class _Builder:
                 body += page.table(heads, [row[: len(heads)] for row in rows], numbers=(1,))
             else:
                 body += page.paragraphs(["No message was refused."])
-        self._add("refusals", "Refusals", body or page.paragraphs(["The bag holds no record of refusals."]))
+        self._add("refusals", "Refusals", body or page.paragraphs(["The log holds no record of refusals."]))
 
     def _configuration(self) -> None:
         flight = self.flight
@@ -227,11 +224,42 @@ class _Builder:
         if flight.settings:
             rows = [[s.name, s.value, s.unit, s.description] for s in flight.settings]
             body += page.folded(f"all {len(rows)} parameters", page.table(("name", "value", "unit", "meaning"), rows))
-        self._add("configuration", "Configuration", body)
+        rows = [[name, kind, f"{count:,}"] for name, kind, count in flight.topics]
+        body += page.folded(f"{len(rows)} topics", page.table(("topic", "type", "messages"), rows, numbers=(2,)))
+        table = page.table(("program", "version"), list(flight.versions.items()))
+        body += page.folded("versions on the machine that made this report", table)
+        self._add("configuration", "Configuration, topics, versions", body)
 
-    def _bag(self) -> None:
-        rows = [[name, kind, f"{count:,}"] for name, kind, count in self.flight.topics]
-        body = page.table(("topic", "type", "messages"), rows, numbers=(2,))
-        body += "<h3>Versions on the machine that made this report</h3>"
-        body += page.table(("program", "version"), list(self.flight.versions.items()))
-        self._add("bag", "Bag and versions", body)
+    def _numbers(self, sentences: Sequence[str]) -> None:
+        if self.known is None or self.models is None:
+            return
+        content: dict[str, Any] = {
+            "flight": self.flight.name,
+            "verdict": list(sentences),
+            "states": list(self.models.states),
+            "effectors": list(self.models.effectors),
+            "best": [
+                {"row": self.known.rows[i], "column": self.known.columns[j], "value": float(self.known.value[i, j]),
+                 "std": float(self.known.std[i, j]), "time_s": float(self.known.time[i, j]),
+                 "reliable_at_end": bool(self.known.now[i, j])}
+                for i, j in np.argwhere(self.known.known).tolist()
+            ],
+            "events": [
+                {"time_s": e.time, "kind": e.kind, "equations": list(e.equations), "effector": e.effector}
+                for e in self.flight.events
+            ],
+            "parameters": {f"{p.row}/{p.column}": _saved(p) for p in self.parameters},
+        }  # fmt: skip
+        text = json.dumps(content, allow_nan=False, separators=(",", ":"))
+        links = page.download("model.csv", "text/csv", model_tables.as_csv(self.known), "A and B (CSV)")
+        links += page.download("flight.json", "application/json", text, "verdict, model, events, parameters (JSON)")
+        self._add("numbers", "The numbers", f'<p class="files">{links}</p>')
+
+
+def _saved(p: Parameter) -> dict[str, list[float | None]]:
+    few = slice(None, None, max(1, -(-len(p.time) // _SAVED_POINTS)))
+    columns = {"time_s": p.time[few], "value": p.value[few], "std": p.std[few]}
+    return {
+        name: [float(f"{v:.6g}") if np.isfinite(v) else None for v in column.tolist()]
+        for name, column in columns.items()
+    }

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
+from urllib.parse import quote
 
-from msls_ros.report.style import Drawn
-from msls_ros.report.viewer import SCRIPT, STYLE
+from msls_ros.report.page_script import SCRIPT
+from msls_ros.report.page_style import STYLE
 
 _POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'"
 """The browser refuses whatever is not in the file."""
@@ -30,9 +30,7 @@ class Head:
 
     name: str
     about: str
-    summary: Sequence[str]
-    tiles: Sequence[tuple[str, str]]
-    """Number and what it is."""
+    verdict: Sequence[str]
     notes: Sequence[str]
     """Warnings, and what is missing."""
 
@@ -52,7 +50,6 @@ def render(head: Head, sections: Sequence[Section]) -> str:
     if head.notes:
         listed = "".join(f"<li>{escape(note)}</li>" for note in head.notes)
         notes = f'<div class="note" role="note"><strong>Please note</strong><ul>{listed}</ul></div>'
-    tiles = "".join(f'<div class="tile"><b>{escape(n)}</b><span>{escape(t)}</span></div>' for n, t in head.tiles)
     body = "".join(f'<section id="{s.anchor}"><h2>{escape(s.title)}</h2>{s.body}</section>\n' for s in sections)
     return f"""<!DOCTYPE html>
 <html lang="en">
@@ -68,32 +65,18 @@ def render(head: Head, sections: Sequence[Section]) -> str:
 <header>
 <h1><small>FLIGHT REPORT</small>{escape(head.name)}</h1>
 <p class="about">{escape(head.about)}</p>
-{notes}
-<div class="summary">{paragraphs(head.summary)}</div>
-<div class="tiles">{tiles}</div>
+<div class="verdict" id="verdict">{paragraphs(head.verdict)}</div>
 </header>
-<nav aria-label="Contents"><ul>{contents}</ul></nav>
+<nav aria-label="Contents"><ul><li><a href="#verdict">Verdict</a></li>{contents}</ul></nav>
 <main>
-{body}</main>
-<footer>Click a figure to enlarge it: wheel or + and − zoom, dragging moves, 0 fits, Esc closes. Made by msls_ros; this
-file is complete in itself.</footer>
-<dialog aria-label="Figure, enlarged"><div>wheel zooms, drag moves <button type="button">Close</button></div>
-<img src="data:image/gif;base64,R0lGODlhAQABAAAAACH5BAEKAAEALAAAAAABAAEAAAICTAEAOw==" alt=""></dialog>
+{body}{notes}</main>
+<footer>All charts share one time. A click chooses a chart; then the wheel or + and − zoom, dragging moves, arrows
+move the cursor (faster with Shift), 0 shows all; two fingers zoom. Made by msls_ros; this file is complete in
+itself.</footer>
 <script>{SCRIPT}</script>
 </body>
 </html>
 """
-
-
-def figure(drawn: Drawn) -> str:
-    """Return a figure with its caption, the drawing inside."""
-    data = base64.b64encode(drawn.svg).decode("ascii")
-    title = escape(drawn.title)
-    return (
-        f'<figure id="figure-{drawn.name}"><button type="button" aria-label="Enlarge: {title}">'
-        f'<img width="{drawn.width}" height="{drawn.height}" alt="{title}" src="data:image/svg+xml;base64,{data}">'
-        f"</button><figcaption><strong>{title}.</strong> {escape(drawn.caption)}</figcaption></figure>\n"
-    )
 
 
 def table(columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequence[int] = ()) -> str:
@@ -120,6 +103,11 @@ def table(columns: Sequence[str], rows: Iterable[Sequence[str]], numbers: Sequen
 def paragraphs(sentences: Iterable[str]) -> str:
     """Return sentences as paragraphs."""
     return "".join(f"<p>{escape(sentence)}</p>" for sentence in sentences)
+
+
+def download(name: str, kind: str, content: str, label: str) -> str:
+    """Return a link that saves a text out of the page."""
+    return f'<a download="{escape(name)}" href="data:{kind};charset=utf-8,{quote(content)}">{escape(label)}</a>'
 
 
 def folded(summary: str, body: str) -> str:

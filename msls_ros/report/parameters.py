@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.patches import Rectangle
 
+from msls_ros.report.chart import Line, Panel
 from msls_ros.report.errors import ReportError
-from msls_ros.report.recorded import Array, Flags, Models, Recorded, Truth, TruthChange
-from msls_ros.report.style import BLACK, BLUE, Drawn, derivative, every, mark, time_axes, write
+from msls_ros.report.recorded import Array, Flags, Models, Truth
+from msls_ros.report.style import derivative
 
 MOST = 8
 """Parameters shown where none are asked for."""
@@ -139,95 +136,30 @@ def quality(parameter: Parameter) -> Quality:
     return Quality(share, rms, float(inside[usable].mean()), float(inside[sure].mean()) if sure.any() else None)
 
 
-def draw_parameters(
-    flight: Recorded,
-    parameters: Sequence[Parameter],
-    changes: Sequence[TruthChange],
-    name: str,
-    title: str,
-    window: tuple[float, float] | None = None,
-) -> Drawn:
-    """Draw parameters, two in a row.
-
-    Parameters
-    ----------
-    flight
-        For its events.
-    parameters
-        At least one.
-    changes
-        Of the truth.
-    name, title
-        Of the figure.
-    window
-        The time shown [s]; None: all.
-    """
-    columns = 2 if len(parameters) > 1 else 1
-    rows = -(-len(parameters) // columns)
-    figure, axes = time_axes(rows, 2.05 if columns == 2 else 3.4, columns)
-    for axis, parameter in zip(axes, parameters, strict=False):
-        mark([axis], [e.time for e in flight.alarms], [c.time for c in changes])
-        _draw(axis, parameter, window)
-    for axis in axes[len(parameters) :]:
-        axis.set_axis_off()
-    handles, labels = axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper right", ncols=len(handles))
-    against = "against truth (dashed)" if parameters[0].truth is not None else "; the bag holds no truth"
-    caption = (
-        f"Estimate with its 95 % band {against}. The strip at the foot is blue where the number is published as "
-        "reliable, grey where it is not."
-    )
-    return write(figure, name, title, caption)
-
-
-def _draw(axis: Axes, p: Parameter, window: tuple[float, float] | None) -> None:
-    chosen = slice(None)
-    if window is not None:
-        inside = np.flatnonzero((p.time >= window[0]) & (p.time <= window[1]))
-        chosen = slice(inside[0], inside[-1] + 1) if len(inside) else slice(0, 0)
-    few = every(len(p.time[chosen]))
-    time, value, std = p.time[chosen][few], p.value[chosen][few], p.std[chosen][few]
-    low, high = _frame(value, std, None if p.truth is None else p.truth[chosen])
-    band = np.where(np.isfinite(std), BAND * std, 2.0 * (high - low) + np.abs(value))
-    axis.fill_between(
-        time,
-        np.clip(value - band, low - (high - low), high + (high - low)),
-        np.clip(value + band, low - (high - low), high + (high - low)),
-        color=BLUE, alpha=0.18, linewidth=0, label="95 % band",
-    )  # fmt: skip
-    axis.plot(time, value, color=BLUE, linewidth=1.4, label="estimate")
+def panel_of(p: Parameter) -> Panel:
+    """Return the drawing of a parameter: estimate, band, truth, and the strip of reliability."""
+    low, high = _frame(p)
+    lines = [Line("estimate, 95 % band", p.time, p.value, 0, BAND * p.std)]
     if p.truth is not None:
-        axis.plot(time, p.truth[chosen][few], color=BLACK, linestyle="--", linewidth=1.3, label="truth")
-    axis.set_title(p.label)
-    axis.set_ylim(low, high)
-    if len(time):
-        _strip(axis, time, p.reliable[chosen][few])
+        lines.append(Line("truth", p.time, p.truth, 8))
+    return Panel(p.label, lines, (p.time, p.reliable), low, high)
 
 
-def _strip(axis: Axes, time: Array, reliable: Flags) -> None:
-    """Show at the foot when a parameter is reliable."""
-    edges = [0, *(np.flatnonzero(np.diff(reliable)) + 1), len(reliable)]
-    for start, stop in pairwise(edges):
-        begin, end = float(time[start]), float(time[min(stop, len(time) - 1)])
-        colour = BLUE if reliable[start] else "#c3cad2"
-        foot = axis.get_xaxis_transform()
-        axis.add_patch(Rectangle((begin, 0.0), end - begin, 0.025, color=colour, linewidth=0, transform=foot))
-
-
-def _frame(value: Array, std: Array, truth: Array | None) -> tuple[float, float]:
-    """Return the range to show: estimates and truth but the worst hundredth, and the middle of the band."""
-    finite = np.isfinite(std) & np.isfinite(value)
+def _frame(p: Parameter) -> tuple[float, float]:
+    """Return the range to show: estimates and truth but the worst hundredths, and the middle of the band."""
+    finite = np.isfinite(p.std) & np.isfinite(p.value)
     if not finite.any():
-        finite = np.isfinite(value)
-    parts = [np.quantile(value[finite], [0.02, 0.98])] if finite.any() else []
-    if np.isfinite(std[finite]).all() and finite.any():
-        half = BAND * np.median(std[finite])
-        middle = np.median(value[finite])
+        finite = np.isfinite(p.value)
+    known = finite & p.reliable
+    chosen = known if known.sum() > 0.05 * len(p.value) else finite
+    parts = [np.quantile(p.value[chosen], [0.02, 0.98])] if chosen.any() else []
+    if chosen.any() and np.isfinite(p.std[chosen]).all():
+        half, middle = BAND * np.median(p.std[chosen]), np.median(p.value[chosen])
         parts.append(np.array([middle - half, middle + half]))
-    if truth is not None and len(truth):
-        parts.append(np.quantile(truth, [0.0, 1.0]))
+    if p.truth is not None and len(p.truth):
+        parts.append(np.quantile(p.truth, [0.0, 1.0]))
     if not parts:
         return -1.0, 1.0
-    low, high = float(min(p[0] for p in parts)), float(max(p[1] for p in parts))
-    margin = 0.12 * (high - low) or 0.1 * abs(high) or 1.0
-    return low - 1.5 * margin, high + margin
+    low, high = float(min(q[0] for q in parts)), float(max(q[1] for q in parts))
+    margin = 0.15 * (high - low) or 0.1 * abs(high) or 1.0
+    return low - margin, high + margin

@@ -154,6 +154,46 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class Equation:
+    """One identified equation, predicted one sample ahead; k samples."""
+
+    name: str
+    time: Array
+    measured: Array
+    predicted: Array
+    """(k,) derivative of the state, gravity taken off where it is known."""
+    r2: float
+    """Share of the measured variance that is predicted."""
+    white: float
+    """Share of the residual's autocorrelations, lags 1 to 20, within the band of white noise."""
+    excited: bool = True
+    """Whether there was anything to predict beyond noise."""
+
+
+@dataclass(frozen=True)
+class Trust:
+    """Why to believe the model, or not."""
+
+    equations: Sequence[Equation]
+    batch_span: tuple[float, float] | None = None
+    """Of the least squares over all samples of a span, which the best known numbers are compared with [s]."""
+    inside: int = 0
+    compared: int = 0
+    """How many numbers are within the 95 % band of both, of how many."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What the check of the data found."""
+
+    level: str
+    """wrong, doubtful or note."""
+    where: str
+    what: str
+    change: str
+
+
+@dataclass(frozen=True)
 class Recorded:
     """All of it."""
 
@@ -177,6 +217,8 @@ class Recorded:
     detection: Detection | None = None
     agreement: str = ""
     """How what was computed again compares with what was recorded, in words."""
+    trust: Trust | None = None
+    findings: Sequence[Finding] = ()
     refusals: Sequence[Refusals] = ()
     samples: int | None = None
     """Pairs of state and deflection that passed the gate."""

@@ -1,4 +1,4 @@
-"""What a flight shows, in sentences; and what the truth did, as far as the bag holds it."""
+"""What the truth did, as far as the log holds it, and how the identifier answered it, in sentences."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 
 from msls_ros.report.parameters import Quality
-from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange
-from msls_ros.report.style import Array, derivative
+from msls_ros.report.recorded import Array, Event, Models, Recorded, Truth, TruthChange
+from msls_ros.report.style import derivative
 
 ALARM_WINDOW = 1.0
 """An alarm within this time after a true change is its detection; any other is false [s]."""
@@ -80,7 +80,7 @@ def describe_drift(truth: Truth, models: Models) -> str:
     series = truth.b[:, models.states.index(row), models.effectors.index(effector)]
     done = (series - series[0]) / (series[-1] - series[0])
     begin, end = truth.time[int((done > 0.05).argmax())], truth.time[int((done > 0.95).argmax())]
-    what = _listed(f"{name} on {derivative(of)} to {ratio:.2f}" for name, of, ratio in effects)
+    what = listed(f"{name} on {derivative(of)} to {ratio:.2f}" for name, of, ratio in effects)
     when = f"From about {begin:.1f} to {end:.1f} s"
     return f"{when} the plant itself changed slowly: effectiveness of {what} of its first value."
 
@@ -90,69 +90,15 @@ def false_alarms(flight: Recorded, changes: Sequence[TruthChange]) -> list[Event
     return [alarm for alarm in flight.alarms if not any(c.time < alarm.time <= c.time + ALARM_WINDOW for c in changes)]
 
 
-def headline(flight: Recorded, changes: Sequence[TruthChange]) -> list[str]:
-    """Return what happened, a few sentences.
-
-    Parameters
-    ----------
-    flight
-        All that was recorded.
-    changes
-        Of the truth; empty where the bag holds none.
-    """
-    sentences = [_size(flight)]
-    for change in changes[:5]:
-        sentences += _describe_change(flight, change)
-    if flight.truth is not None:
-        false = false_alarms(flight, changes)
-        if not changes:
-            drift = describe_drift(flight.truth, flight.models) if flight.models is not None else ""
-            sentences.append(drift or "The plant's own model had no abrupt change.")
-        sentences.append(
-            f"False alarms: {len(false)} ({_listed(f'{e.time:.2f} s' for e in false)})." if false else "No false alarm."
-        )
-    elif flight.alarms:
-        sentences += [_alarm(flight, alarm) for alarm in flight.alarms[:5]]
-        if len(flight.alarms) > 5:
-            sentences.append(f"{len(flight.alarms) - 5} more alarms followed.")
-    elif flight.models is not None:
-        sentences.append("No abrupt change was detected.")
-    sentences += _dither(flight)
-    return sentences
-
-
-def _size(flight: Recorded) -> str:
-    begin, end = flight.span
-    samples = "" if flight.samples is None else f", {flight.samples:,} samples"
-    reliable = ""
-    if flight.models is not None and flight.models.identified:
-        rows = flight.models.identified
-        flags = np.concatenate([flight.models.a_reliable[:, rows], flight.models.b_reliable[:, rows]], axis=2)
-        known = flight.models.a_known[rows]
-        free = flags.shape[1] * flags.shape[2] - int(known.sum())
-        count = flags.sum(axis=(1, 2)) - int(known.sum())
-        most = int(count.argmax())
-        reliable = (
-            f" Of the {free} identified coefficients, {count[most]} were reliable at best "
-            f"(at {flight.models.time[most]:.2f} s) and {count[-1]} at the end."
-        )
-    return f"{end - begin:.1f} s of flight{samples}.{reliable}"
-
-
-def _describe_change(flight: Recorded, change: TruthChange) -> list[str]:
+def describe_truth(flight: Recorded, change: TruthChange) -> list[str]:
     """Describe one true change and how the identifier answered it."""
-    what = _listed(f"{effector} on {derivative(row)} to {ratio:.2f}" for effector, row, ratio in change.effects)
+    what = listed(f"{effector} on {derivative(row)} to {ratio:.2f}" for effector, row, ratio in change.effects)
     begin = f"At {change.time:.2f} s the plant itself changed: effectiveness of {what} of its value before"
     first = next((e for e in flight.alarms if change.time < e.time <= change.time + ALARM_WINDOW), None)
     if first is None:
         return [f"{begin}. This was NOT detected within {ALARM_WINDOW:g} s."]
     found = f"Detected after {first.time - change.time:.2f} s, in {_equations(first.equations)}"
     return [f"{begin}.", "; ".join([found, *_followed(flight, first, change.time)]) + "."]
-
-
-def _alarm(flight: Recorded, alarm: Event) -> str:
-    parts = [f"Alarm at {alarm.time:.2f} s in {_equations(alarm.equations)}", *_followed(flight, alarm, alarm.time)]
-    return "; ".join(parts) + "."
 
 
 def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
@@ -174,18 +120,6 @@ def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
     return parts
 
 
-def _dither(flight: Recorded) -> list[str]:
-    dither = flight.dither
-    if dither is None or not len(dither.time):
-        return []
-    if not np.any(dither.delta):
-        return ["No dither was commanded."]
-    over = int(np.count_nonzero(dither.predicted > dither.limit * (1.0 + 1e-9)))
-    kept = "within its limit at every sample" if over == 0 else f"OVER its limit at {over} samples"
-    most = float(np.nanmax(dither.predicted))
-    return [f"Dither: at most {most:.3f} g rms predicted at the pilot, {kept}."]
-
-
 def percent(value: float | None) -> str:
     """Return a share for a table."""
     return "—" if value is None else f"{100.0 * value:.0f} %" if value >= 0.1 else f"{100.0 * value:.1f} %"
@@ -197,9 +131,10 @@ def quality_cells(found: Quality) -> list[str]:
 
 
 def _equations(names: Sequence[str]) -> str:
-    return _listed(derivative(name) for name in names)
+    return listed(derivative(name) for name in names)
 
 
-def _listed(parts: Iterable[str]) -> str:
+def listed(parts: Iterable[str]) -> str:
+    """Return words for a sentence: a, b and c."""
     items = list(parts)
     return ", ".join(items[:-1]) + " and " + items[-1] if len(items) > 1 else "".join(items)

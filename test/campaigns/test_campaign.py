@@ -142,6 +142,37 @@ def test_an_interrupted_campaign_says_what_is_kept_and_how_to_go_on(
     assert len(rows_of(out)) == len(kept(out)) == strict(text)["flights_flown"] >= 3
 
 
+LAW = """
+description: thrust vectoring in pitch lost
+condition: high_alpha
+manoeuvre: roll_doublet
+duration: 5.0
+faults: [{effector: nozzle_pitch, time: 1.5, effectiveness: 0.0, bias: -0.087}]
+identifier: {profile: f16}
+"""
+
+
+def test_laws_are_compared_by_flights_kept_and_tracking(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / "mine.yaml"
+    file.write_text(LAW)
+    todo = [file, "--seeds", 1, "--compare", "law=fixed,indi,auto", "--out", tmp_path / "out"]
+    code, out, _ = run(capsys, *todo)
+    assert code == 0
+    rows = {row["setting"]["law"]: row["tracking"] for row in map(json.loads, kept(tmp_path / "out"))}
+    assert [rows[law]["kept"] for law in ("fixed", "indi", "auto")] == [False, True, True]
+    assert rows["fixed"]["why"].startswith("angle of attack") and rows["fixed"]["recovery_s"] is None
+    assert rows["auto"]["roll_rms"] < 1.0 and rows["auto"]["fixed_share"] == 0.0
+    lines = out.splitlines()
+    assert next(line for line in lines if "law=fixed" in line).split()[2:4] == ["0", "of"]
+    for given, text in (
+        ("law=best", "law is 'best'; expected one of fixed, indi, lq, auto"),
+        ("control.caution=0.1", "the scenario has no law"),
+        ("control.cautoin=0.1", "expected control. and a parameter"),
+    ):
+        code, _, err = run(capsys, file, "--seeds", 1, "--compare", given)
+        assert code == 2 and text in err[-1], err
+
+
 def test_a_torn_last_line_is_dropped_and_its_flight_flown_again(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -24,7 +24,7 @@ from msls_ros.offline.comparison import compare
 from msls_ros.testing import Bench
 
 SEEDS = {"none": (0, 1), "low": (0, 1, 2)}
-WALL_CLOCK = ("real_time_factor", "bag", "figures")
+WALL_CLOCK = ("real_time_factor", "bag", "figures", "report")
 
 
 @dataclass(frozen=True)
@@ -197,7 +197,7 @@ def test_json_is_the_summary_and_nothing_else(tmp_path: Path, capfd: pytest.Capt
     assert summary == json.loads((tmp_path / "out" / "summary.json").read_text())
     assert set(summary) >= {
         *("scenario", "seed", "noise", "samples", "detection", "false_alarms", "b43", "dither"),
-        *("real_time_factor", "bag", "figures"),
+        *("real_time_factor", "bag", "figures", "report", "verdict"),
     }
     assert set(summary["detection"]) >= {"time_s", "delay_s", "equations"}
     assert set(summary["b43"]) >= {"truth_before", "truth_after", "bank", "rls", "msls"}
@@ -332,3 +332,17 @@ def test_another_aircraft_flies_is_judged_replayed_and_reported(
     assert all(one == other for one, other in zip(first, again, strict=True))
     assert report.main([str(out / "bag"), "--out", str(tmp_path / "page"), "--json"]) == 0
     assert (tmp_path / "page" / report.PAGE).is_file()
+
+
+def test_a_law_is_flown_beside_the_fixed_one_drawn_and_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = (Path(__file__).resolve().parents[2] / "config" / "scenarios" / "nozzle_hard_over.yaml").read_text()
+    file = tmp_path / "mine.yaml"
+    file.write_text(text.replace("duration: 14.0", "duration: 4.0").replace("time: 4.0", "time: 1.5"))
+    out = tmp_path / "out"
+    assert demo.main(["--scenario", str(file), "--law", "auto", "--out", str(out)]) == 0
+    told = capsys.readouterr().out
+    law = json.loads((out / "summary.json").read_text())["law"]
+    assert law["same_over_dds_and_without_ros"] and (law["name"], law["auto"]["kept"]) == ("auto", True)
+    assert not law["fixed"]["kept"] and law["fixed"]["why"].startswith("angle of attack")
+    assert (out / "law.png").stat().st_size > 50_000
+    assert "control law" in told and "law.png" in told

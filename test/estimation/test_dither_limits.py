@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import Level
-from msls_ros.estimation.dither_law import Knowledge
+from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import CREST

@@ -59,7 +59,7 @@ def test_every_shipped_scenario_is_read_and_has_an_identifier_for_each_noise(nam
         configuration = scenario.configuration(noise, 7, dither=False)
         assert (configuration.dither.seed, configuration.dither.enabled) == (7, False)
         assert configuration.sample_rate == scenario.rates.sensors
-        assert scenario.flight(noise, 7).faults == scenario.faults
+        assert scenario.flight(noise, 7).faults == scenario.faults_of(7)
     assert pickle.loads(pickle.dumps(scenario)) == scenario
 
 

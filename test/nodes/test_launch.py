@@ -20,7 +20,7 @@ from msls_msgs.msg import LinearModel, StateSample
 from rosgraph_msgs.msg import Clock
 
 from msls_ros import messages
-from msls_ros.nodes import identifier, pilot, plant, recorder
+from msls_ros.nodes import control_parameters, identifier, pilot, plant, recorder
 from msls_ros.testing import Bench
 
 FILES = sorted(LAUNCH.glob("*.launch.py"))
@@ -30,6 +30,7 @@ TABLES: dict[str, Any] = {
     "pilot": pilot.PARAMETERS,
     "plant": plant.PARAMETERS,
     "recorder": recorder.PARAMETERS,
+    "controller": control_parameters.PARAMETERS,
 }
 HAVE_LAUNCH = importlib.util.find_spec("launch") is not None and importlib.util.find_spec("launch_ros") is not None
 SINGLE = [path for path in FILES if path.name != "two_aircraft.launch.py"]
@@ -61,6 +62,14 @@ def test_nodes_parameters_and_files_exist(path: Path, namespace: str) -> None:
                 assert not given.keys() - {*TABLES[node["executable"]], "use_sim_time"}
     assert {n["executable"] for n in nodes} >= {"identifier", "recorder"}
     assert len({n["name"] for n in nodes}) == len(nodes)
+
+
+def test_a_law_puts_a_controller_between_pilot_and_plant() -> None:
+    nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="auto", record="flight")}
+    assert nodes["controller"]["parameters"][0]["law"] == "auto"
+    assert nodes["pilot"]["parameters"][0]["ask"] is True
+    assert {"pilot_command", "control_status"} < set(nodes["recorder"]["parameters"][0]["topics"])
+    assert "controller" not in {one["name"] for one in started(LAUNCH / "closed_loop.launch.py")}
 
 
 def test_two_aircraft_are_two_namespaces_with_shipped_profiles() -> None:

@@ -133,4 +133,4 @@ def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) ->
 
 def test_a_type_that_is_not_installed_is_named(bench: Bench) -> None:
     with pytest.raises(NodeError, match="the type px4_msgs/msg/VehicleOdometry is not installed"):
-        subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, INPUT, lambda topic, message: None)
+        subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, INPUT, lambda topic, message: None, print)

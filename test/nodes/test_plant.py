@@ -26,7 +26,7 @@ from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.parameters import NodeError, declare_table
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
-from msls_ros.nodes.recorder import TOPICS, RecorderNode
+from msls_ros.nodes.recorder import FIXED_LAW, RecorderNode
 from msls_ros.plant import STATES, PlantError
 from msls_ros.testing import Bench
 
@@ -313,7 +313,7 @@ def test_a_recorded_flight_is_read_by_others_and_stamped_by_its_messages(bench: 
     written = bench.add(RecorderNode, out=str(tmp_path / "bag"))
     flown, _, _ = loop(bench, duration=0.5, autostart=False, time_out=60.0)
     expected = {"state", "effectors", "command", "dither", "truth/state", "/clock", "model"}
-    topics = [bench.probe.resolve_topic_name(t) for t in TOPICS]
+    topics = [bench.probe.resolve_topic_name(t) for t in FIXED_LAW]
     bench.spin_until(lambda: all(flown.count_publishers(t) and flown.count_subscribers(t) for t in topics), "topics")
     bench.spin_until(
         lambda: all(
@@ -334,7 +334,7 @@ def test_a_recorded_flight_is_read_by_others_and_stamped_by_its_messages(bench: 
             message: Any = reader.deserialize(raw, connection.msgtype)
             at = message.clock if connection.topic == "/clock" else message.header.stamp
             assert at.sec * 1_000_000_000 + at.nanosec == stamp
-    assert heard == {bench.probe.resolve_topic_name(t): written.counts[t] for t in TOPICS}
+    assert heard == {bench.probe.resolve_topic_name(t): written.counts[t] for t in FIXED_LAW}
     with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
         found = [(channel.topic, m.log_time) for _, channel, m in make_reader(file).iter_messages()]
     assert len(found) == sum(heard.values())

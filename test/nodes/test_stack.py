@@ -25,8 +25,11 @@ from msls_ros import messages
 from msls_ros.inputs.model_file import read_model
 from msls_ros.inputs.profiles import config_folder, matches_node
 from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.parameters import check_files
+from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
+from msls_ros.nodes.recorder import RecorderNode
 from msls_ros.plant import EFFECTORS, STATES
 from msls_ros.testing import Bench
 
@@ -325,3 +328,22 @@ def test_the_aggregator_s_file_groups_what_the_nodes_tell() -> None:
     assert {a["type"] for a in analyzers} == {"diagnostic_aggregator/GenericAnalyzer"}
     said = {f"{name}: messages" for name in ("identifier", "plant", "pilot", "mixer")}
     assert {text for a in analyzers for text in a["contains"]} == said
+
+
+def test_every_topic_of_every_node_has_its_quality_of_service_overridden_by_parameters(
+    bench: Bench, tmp_path: Path
+) -> None:
+    given: dict[Any, tuple[str, dict[str, Any]]] = {
+        PlantNode: ("/dither.subscription", {"autostart": False}),
+        PilotNode: ("/command.publisher", {}),
+        RecorderNode: ("/model.subscription", {"out": str(tmp_path / "bag")}),
+        MixerNode: ("/command_out.publisher", {}),
+    }
+    for kind, (where, parameters) in given.items():
+        node = bench.add(kind, **{f"qos_overrides.{where}.depth": 7, **parameters})
+        topic, side = where.split(".")
+        ends = node.publishers if side == "publisher" else node.subscriptions
+        assert {e.topic_name: e.qos_profile.depth for e in ends}[topic] == 7
+        own = {e.topic_name for e in (*node.publishers, *node.subscriptions)} - {"/rosout", "/diagnostics"}
+        own -= {name for name in own if name.startswith("/parameter")}
+        assert all(any(n.startswith(f"qos_overrides.{topic}.") for n in node._parameters) for topic in own), own

@@ -1,0 +1,197 @@
+"""Incremental nonlinear dynamic inversion: the change of acceleration that is wanted, by the surfaces that can give it.
+
+The angular acceleration that the pilot's command asks for, nu, less the one that is measured is given by a change of
+the surfaces, with all that the model does not know already in the measurement::
+
+    psdot* = k_roll (ps_ref - ps) + ps_ref'                  ps about the velocity vector; ps_ref lags the command
+    Qdot*  = k_pitch (k_alpha (alpha* - alpha) - alpha')     or k_pitch (Q* - Q)
+    rsdot* = k_yaw (beta' + k_beta (beta - beta*))           nu = roll, pitch, yaw parts, turned by alpha
+
+    minimise over the surfaces s within their limits
+      |W (B (s - s_f) - (nu - w'_f))|^2  +  g |s - s_trim|^2  +  c sum_k (sum_i W_i^2 sigma_ik^2) (s_k - s_f,k)^2
+
+s_f and w'_f are positions and accelerations behind one filter. B with its standard errors sigma is what is believed
+(`believed`): the last term, caution, moves what is not known less. A stuck surface is where it is measured.
+
+References
+----------
+Sieberling, Chu and Mulder, Robust flight control using incremental nonlinear dynamic inversion and angular
+acceleration prediction, Journal of Guidance, Control, and Dynamics 33, 2010.
+Smeur, Hoeppener and De Wagter, Prioritized control allocation for quadrotors subject to saturation, IMAV 2017.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from msls_ros.control.aircraft import ControlledAircraft
+from msls_ros.control.allocation import Whole, allocate
+from msls_ros.control.believed import Believed
+from msls_ros.control.compiled import compiled
+from msls_ros.control.linear import Array, Flags
+from msls_ros.control.motion import Filters, Motion
+from msls_ros.control.settings import ControlSettings
+from msls_ros.control.signals import PilotCommand
+
+LEAST_POWER = 1e-6
+"""Control power below which there is none [1/s^4]."""
+
+
+class Reference:
+    """The roll rate that is followed: the pilot's, behind a lag.
+
+    Parameters
+    ----------
+    lag
+        [s]
+    """
+
+    def __init__(self, lag: float) -> None:
+        """Begin at rest."""
+        self._lag = lag
+        self.rate, self.acceleration = 0.0, 0.0
+        """[rad/s], [rad/s^2]"""
+
+    def update(self, wanted: float, period: float) -> None:
+        """Follow for a period [s]."""
+        share = 1.0 if self._lag <= 0.0 else -math.expm1(-period / self._lag)
+        change = share * (wanted - self.rate)
+        self.acceleration = change / period if self._lag > 0.0 else 0.0
+        self.rate += change
+
+
+def wanted_acceleration(c: ControlSettings, motion: Motion, command: PilotCommand, reference: Reference) -> Array:
+    """Return nu (3,): angular accelerations about the body axes that the command asks for [rad/s^2]."""
+    roll = c.roll_gain * (reference.rate - motion.roll_rate) + reference.acceleration
+    if math.isnan(command.alpha):
+        pitch = c.pitch_gain * (command.pitch_rate - motion.pitch_rate)
+    else:
+        pitch = c.pitch_gain * (c.alpha_gain * (command.alpha - motion.alpha) - motion.alpha_rate)
+    yaw = c.yaw_gain * (motion.beta_rate + c.beta_gain * (motion.beta - command.beta))
+    ca, sa = math.cos(motion.alpha), math.sin(motion.alpha)
+    return np.array([roll * ca - yaw * sa, pitch, roll * sa + yaw * ca])
+
+
+class Indi:
+    """The law.
+
+    Parameters
+    ----------
+    aircraft
+        Whose surfaces.
+    settings
+        See `ControlSettings`.
+    """
+
+    def __init__(self, aircraft: ControlledAircraft, settings: ControlSettings) -> None:
+        """Allocate everything; see the class."""
+        s = len(aircraft.surfaces)
+        self._settings = settings
+        self._low, self._high = np.array(aircraft.low), np.array(aircraft.high)
+        self._preferred = aircraft.preferred
+        self._weights2 = np.array(settings.weights) ** 2
+        self._h, self._f = np.zeros((s, s)), np.zeros(s)
+        self._held, self._work = np.zeros(s, np.int64), np.zeros((s + 1, s))
+        self.unmet = np.zeros(3)
+        """Of the acceleration wanted, what the surfaces cannot give [rad/s^2]."""
+        self.iterations = 0
+
+    def command(
+        self, believed: Believed, filters: Filters, wanted: Array, stuck: Flags, measured: Array, before: Array
+    ) -> Array:
+        """Return the surfaces' commands (s,) [rad].
+
+        Parameters
+        ----------
+        believed, filters
+            The model, and the filtered measurements.
+        wanted
+            (3,) see `wanted_acceleration`.
+        stuck, measured
+            (s,) which surfaces do not follow, and where all are [rad].
+        before
+            (s,) the last command, where the search begins.
+        """
+        c = self._settings
+        step = np.clip(wanted - filters.acceleration, -c.largest_step, c.largest_step)
+        low, high = self._low, self._high
+        if stuck.any():
+            at = np.clip(measured, low, high)
+            low, high = np.where(stuck, at, low), np.where(stuck, at, high)
+        b = believed.b if not believed.has_prior else believed.b0_surfaces
+        power = max(float((self._weights2 * (b**2).max(axis=1)).max()), LEAST_POWER)
+        s = before.copy()
+        self.iterations = invert(
+            believed.b,
+            believed.variance,
+            self._weights2,
+            filters.positions,
+            step,
+            c.price * power,
+            c.caution,
+            self._preferred,
+            low,
+            high,
+            s,
+            self.unmet,
+            self._h,
+            self._f,
+            self._held,
+            self._work,
+        )
+        return s
+
+
+@compiled
+def invert(
+    b: Array,
+    variance: Array,
+    weights2: Array,
+    positions: Array,
+    step: Array,
+    price: float,
+    caution: float,
+    preferred: Array,
+    low: Array,
+    high: Array,
+    s: Array,
+    unmet: Array,
+    h: Array,
+    f: Array,
+    held: Whole,
+    work: Array,
+) -> int:
+    """Solve the problem of the module; ``s`` (s,) is start and solution, ``unmet`` (3,) what it leaves.
+
+    Other arrays: ``b``, ``variance`` (3, s); ``weights2``, ``step`` (3,); ``positions``, ``preferred``, ``low``,
+    ``high``, ``f``, ``held`` (s,); ``h`` (s, s), ``work`` (s + 1, s).
+    """
+    n = s.shape[0]
+    for i in range(n):
+        f[i] = 0.0
+        for j in range(n):
+            h[i, j] = 0.0
+    for row in range(b.shape[0]):
+        wanted = step[row]
+        for j in range(n):
+            wanted += b[row, j] * positions[j]
+        for i in range(n):
+            weighted = weights2[row] * b[row, i]
+            f[i] += weighted * wanted
+            for j in range(n):
+                h[i, j] += weighted * b[row, j]
+    for i in range(n):
+        unsure = 0.0
+        for row in range(b.shape[0]):
+            unsure += weights2[row] * variance[row, i]
+        unsure *= caution
+        h[i, i] += price + unsure
+        f[i] += price * preferred[i] + unsure * positions[i]
+    iterations = allocate(h, f, low, high, s, held, work)
+    for row in range(b.shape[0]):
+        unmet[row] = step[row]
+        for j in range(n):
+            unmet[row] -= b[row, j] * (s[j] - positions[j])
+    return iterations

@@ -1,0 +1,90 @@
+"""The acceleration that the dither may add to every window of a second: what is felt, and what a held command adds."""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.dither_allocation import felt
+from msls_ros.estimation.dither_inputs import Law
+from msls_ros.estimation.dither_limits import (
+    CORNER,
+    LONGEST,
+    MOST,
+    PROMISED,
+    Effectors,
+    left_of_window,
+    move,
+    settle,
+    spend,
+)
+from msls_ros.estimation.elementary import exponential
+from msls_ros.estimation.kernel import Array
+
+
+@compiled
+def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float, scratch: Array) -> float:
+    """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
+
+    Now, or ``ahead`` [s] of now when ``part`` of the last commands has been held so long.
+    """
+    axial = lateral = normal = 0.0
+    for j in range(x.surface.shape[0]):
+        felt(b, law.rows, law.station, j, scratch)
+        surface = x.surface[j]
+        if ahead > 0.0:
+            corner = x.limits[j, CORNER]
+            pole = exponential(-corner * ahead) if corner > 0.0 else 0.0
+            surface += (1.0 - pole) * (part * x.command[j] - surface)
+        axial += scratch[0] * surface
+        lateral += scratch[1] * surface
+        normal += scratch[2] * surface
+    return axial * axial + lateral * lateral + normal * normal
+
+
+@compiled
+def held_square(law: Law, x: Effectors, b: Array, hold: float, part: float, scratch: Array) -> float:
+    """Integral of the square over ``hold`` s of ``part`` of the commands, and until the surfaces rest [m^2/s^3].
+
+    Simpson's rule over the hold; what follows decays with the slowest actuator.
+    """
+    now = modelled_square(law, x, b, 0.0, part, scratch)
+    middle = modelled_square(law, x, b, 0.5 * hold, part, scratch)
+    then = modelled_square(law, x, b, hold, part, scratch)
+    return hold * (now + 4.0 * middle + then) / 6.0 + law.rest * then
+
+
+@compiled
+def hold_back(
+    law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
+) -> None:
+    """Lower the commands ``out`` (m,) where, held, they would overdraw the window.
+
+    Held for the longest interval of late they may fill it to `MOST`, and for `stale_after`, if no sample comes, to
+    `PROMISED`. The integral is a quadratic in the part of the commands that is sent.
+    """
+    for unforeseen in range(2):
+        hold, most = (law.stale_after, PROMISED) if unforeseen else (x.clock[LONGEST], MOST)
+        allowed = left_of_window(x, hold + 2.0 * law.rest, most) / unit
+        whole = held_square(law, x, b, hold, 1.0, scratch)
+        if whole <= allowed:
+            continue
+        nothing = held_square(law, x, b, hold, 0.0, scratch)
+        half = held_square(law, x, b, hold, 0.5, scratch)
+        square = 2.0 * (whole + nothing) - 4.0 * half
+        linear = whole - nothing - square
+        part = 0.0
+        if square > 0.0:
+            root = linear * linear - 4.0 * square * (nothing - allowed)
+            part = (-linear + math.sqrt(max(root, 0.0))) / (2.0 * square)
+        part = min(max(part, 0.0), 1.0)
+        for j in range(out.shape[0]):
+            out[j] = move(x, j, part * out[j], delta[j], dt)
+
+
+@compiled
+def rest(law: Law, x: Effectors, time: float, dt: float) -> None:
+    """Nothing is commanded from ``time`` on; what the surfaces are felt as for ``dt`` s counts against the window."""
+    if dt > 0.0 and law.rest > 0.0:
+        spend(x, time, 2.0 * law.rest, 0.0)
+    settle(x, dt)

@@ -1,0 +1,160 @@
+"""Do the effectors move, apart from each other, within their range, in radians? Yields findings; see `findings`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.series import Record, Series, on_grid
+
+_STILL = np.radians(0.02)
+"""Rms below which a surface does not move [rad]."""
+_QUIET = np.radians(0.3)
+"""Rms below which it hardly does [rad]."""
+_LARGE = 0.8
+"""Deflections beyond this are no surface's, or no radians [rad]."""
+_COLLINEAR = 0.9995
+"""R2 of an effector on the others from which they are one."""
+_CLIPPED = 0.02
+"""Share of samples at the end of the range from which it is called saturated."""
+_EFFECTORS = "effectors."
+
+
+def effectors_of(record: Record) -> dict[str, Series]:
+    """Return the effectors of a record by their names."""
+    return {n.removeprefix(_EFFECTORS): s for n, s in record.series.items() if n.startswith(_EFFECTORS)}
+
+
+def check_effectors(record: Record) -> Iterator[Finding]:
+    """Yield surfaces that are still, saturated, collinear or of a strange size."""
+    found = effectors_of(record)
+    moving = {}
+    for name, series in found.items():
+        values = series.values[:, 0]
+        where = f"inputs.{_EFFECTORS}{name}"
+        size = next(_size(where, series), None)
+        if size is not None:
+            yield size
+        rms = float(values.std())
+        if np.ptp(values) == 0.0 or rms < _STILL:
+            what = (
+                f"constant at {values[0]:.4g}" if np.ptp(values) == 0.0 else f"moves by {np.degrees(rms):.2g} deg rms"
+            )
+            mend = "map the channel that drives it, or leave it out of effectors"
+            yield Finding(WRONG, "constant", where, f"{what}: its column of B cannot be known", mend)
+            continue
+        moving[name] = series
+        if rms < _QUIET and size is None:
+            what = f"moves by {np.degrees(rms):.2g} deg rms only: its column of B will hardly be known"
+            yield Finding(DOUBTFUL, "excitation", where, what, "fly doublets of a degree or more on it")
+        yield from _saturation(where, values)
+    yield from _collinear(moving)
+
+
+def _size(where: str, series: Series) -> Iterator[Finding]:
+    """Yield that a deflection is no angle in radians."""
+    values = series.values[:, 0]
+    stream = series.stream
+    largest, middle = float(np.abs(values).max()), float(np.median(values))
+    if 700.0 < middle < 2300.0:
+        what = f"values about {middle:.0f} are pulses in microseconds, not radians"
+        yield Finding(WRONG, "units", where, what, "zero=1500 scale=0.00109 (25 deg at 400 us), with your own numbers")
+    elif largest > 2.0:
+        what = f"reaches {largest:.3g} rad, {np.degrees(largest):.0f} deg: no surface does; degrees, or a percentage?"
+        yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * stream.scale[0]:.6g}, where it is degrees")
+    elif largest > _LARGE:
+        what = f"reaches {largest:.3g} rad, {np.degrees(largest):.0f} deg: rather a command from -1 to 1 than an angle"
+        yield Finding(WRONG, "units", where, what, "scale=0.436 (25 deg at full command), with your own angle")
+
+
+def _saturation(where: str, values: Array) -> Iterator[Finding]:
+    for end, word in ((values.max(), "upper"), (values.min(), "lower")):
+        share = float(np.mean(np.abs(values - end) <= 1e-6 * np.ptp(values)))
+        stays = share > _CLIPPED and share * len(values) > 5
+        if stays and abs(end - np.median(values)) > 0.6 * np.ptp(values) / 2.0:
+            what = f"{100.0 * share:.0f} % of the time at its {word} end, {np.degrees(end):.1f} deg: saturated"
+            yield Finding(DOUBTFUL, "saturation", where, what, "record the surface, not the command, if it can be had")
+
+
+def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
+    """Yield effectors that others make up: pairs in a fixed ratio first, then sums."""
+    if len(moving) < 2:
+        return
+    step = min(float(np.median(np.diff(s.stamps))) * 1e-9 for s in moving.values() if len(s.stamps) > 1)
+    grid = on_grid(moving, max(step, 0.01), 20000)
+    if grid is None:
+        return
+    names = list(moving)
+    values = np.concatenate([grid[1][name] for name in names], axis=1)
+    values = values - values.mean(axis=0)
+    gone: set[str] = set()
+    for i, first in enumerate(names):
+        for j in range(i + 1, len(names)):
+            a, b = values[:, i], values[:, j]
+            power = float(a @ a) * float(b @ b)
+            if power > 0.0 and (a @ b) ** 2 / power > _COLLINEAR:
+                ratio = float(a @ b) / float(a @ a)
+                gone.add(names[j])
+                what = f"{names[j]} moves {ratio:+.3g} times as {first} does, always: their effects cannot be separated"
+                mend = f"map one of the two, or move them apart; {first} then stands for both"
+                yield Finding(WRONG, "collinear", f"inputs.{_EFFECTORS}{names[j]}", what, mend)
+    free = [k for k, name in enumerate(names) if name not in gone]
+    for k in free:
+        rest = [j for j in free if j != k]
+        if len(rest) < 2 or not float(values[:, k] @ values[:, k]):
+            continue
+        weights, *_ = np.linalg.lstsq(values[:, rest], values[:, k], rcond=None)
+        left = values[:, k] - values[:, rest] @ weights
+        if float(left @ left) < (1.0 - _COLLINEAR) * float(values[:, k] @ values[:, k]):
+            terms = " ".join(f"{w:+.2g} {names[j]}" for w, j in zip(weights, rest, strict=True) if abs(w) > 0.05)
+            what = f"{names[k]} = {terms} always: a control law moves them together, they cannot be separated"
+            mend = "inject dither or other excitation on each, or leave one out"
+            yield Finding(WRONG, "collinear", f"inputs.{_EFFECTORS}{names[k]}", what, mend)
+            return
+
+
+def check_sizes(record: Record, reference_speed: float) -> Iterator[Finding]:
+    """Yield states and accelerations of a strange size: degrees for radians, another unit of speed or force."""
+    for name, series in record.series.items():
+        where, values = f"inputs.{name}", series.values
+        leaf = name.removeprefix("states.")
+        if leaf in ("P", "Q", "R", "angular_velocity"):
+            top = float(np.quantile(np.abs(values), 0.99))
+            if top > 12.0:
+                what = f"turns with {top:.3g} rad/s, {np.degrees(top):.0f} deg/s: degrees taken as radians?"
+                yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * series.stream.scale[0]:.6g}")
+        elif leaf in ("Phi", "Theta") and float(np.quantile(np.abs(values), 0.99)) > 3.2:
+            what = f"reaches {np.abs(values).max():.3g} rad: degrees taken as radians?"
+            yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * series.stream.scale[0]:.6g}")
+        elif name == "specific_force":
+            yield from _force(where, values)
+        elif name in ("velocity", "airspeed", "states.u"):
+            yield from _speed(where, values, reference_speed)
+    for axis in record.inputs.imu_position:
+        if abs(axis) > 50.0:
+            what = f"the accelerometer would be {abs(axis):g} m from the centre of mass"
+            yield Finding(WRONG, "units", "inputs.imu_position", what, "give it in metres")
+            return
+
+
+def _force(where: str, values: Array) -> Iterator[Finding]:
+    size = float(np.median(np.linalg.norm(values, axis=1)))
+    if 0.5 < size < 2.0:
+        what = f"its size is {size:.3g} in the median: in g, not in m/s^2"
+        yield Finding(WRONG, "units", where, what, "scale=9.80665")
+    elif size > 40.0:
+        what = f"its size is {size:.3g} m/s^2 in the median; at rest an accelerometer shows 9.81"
+        yield Finding(WRONG, "units", where, what, f"scale={9.80665 / size:.3g}, if that is its unit")
+
+
+def _speed(where: str, values: Array, reference: float) -> Iterator[Finding]:
+    speed = float(np.median(np.linalg.norm(values, axis=1)))
+    if speed > 0.0 and not 0.4 < speed / reference < 2.5:
+        what = f"flies at {speed:.3g} m/s in the median, reference_speed is {reference:g} m/s"
+        mend = f"reference_speed: {speed:.2g}, where the speed is right"
+        yield Finding(DOUBTFUL, "reference_speed", where, what, mend)
+    if speed < 1.0:
+        yield Finding(NOTE, "speed", where, f"flies at {speed:.3g} m/s in the median: hardly any air loads")

@@ -1,0 +1,121 @@
+"""How long after a surface the aircraft answers, and whether measured derivatives belong to their states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.check_effectors import effectors_of
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.frames import BODY
+from msls_ros.inputs.motion import misfit, windowed
+from msls_ros.inputs.series import Record, Series, on_grid
+
+_STEP = 0.01
+_WINDOW = 0.06
+"""Over which the rates are differenced [s]."""
+_LATEST = 0.25
+"""Delays looked for [s]."""
+_WORTH = 0.02
+"""Delay worth naming [s]."""
+_MOST = 20000
+_GAIN = 0.08
+"""Share of the residual that the delay must explain."""
+_FACTORS = {"-1": -1.0, "0.0174533": np.pi / 180.0, "57.2958": 180.0 / np.pi, "9.80665": 9.80665, "0.101972": 0.101972}
+
+
+def check_response(record: Record) -> Iterator[Finding]:
+    """Yield the delay from the surfaces to the angular accelerations, where it is not what the map says."""
+    rates = [n for n in ("angular_velocity", "states.P", "states.Q", "states.R") if n in record.series]
+    surfaces = {n: s for n, s in effectors_of(record).items() if np.ptp(s.values) > 0.0 and not s.stream.track.held}
+    if not rates or not surfaces:
+        return
+    chosen: dict[str, Series] = {n: record.series[n] for n in rates}
+    chosen.update((f"effectors.{n}", s) for n, s in surfaces.items())
+    if any(len(s.stamps) < 50 for s in chosen.values()):
+        return
+    slowest = max(float(np.median(np.diff(s.stamps))) * 1e-9 for s in chosen.values())
+    grid = on_grid(chosen, max(_STEP, 0.25 * slowest), _MOST)
+    if grid is None:
+        return
+    step = float(grid[0][1])
+    turn = np.concatenate([grid[1][n] for n in rates], axis=1)
+    delta = np.concatenate([grid[1][f"effectors.{n}"] for n in surfaces], axis=1)
+    lags, scores = _residuals(turn, delta, step)
+    best, none = int(np.argmin(scores)), int(np.argmin(np.abs(lags)))
+    gain = 1.0 - scores[best] / scores[none] if scores[none] > 0.0 else 0.0
+    lag = float(lags[best])
+    where = "inputs.effectors"
+    if scores[best] > 0.9:
+        yield Finding(NOTE, "response", where, "the surfaces explain less than a tenth of the angular accelerations")
+    elif gain < _GAIN or abs(lag) < max(_WORTH, step):
+        yield Finding(NOTE, "delay", where, f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s")
+    else:
+        word = "after" if lag > 0.0 else "before"
+        what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: B is wrong by it"
+        level = WRONG if gain > 0.5 or lag < -0.05 else DOUBTFUL
+        yield Finding(level, "delay", where, what, f"delay smaller by {lag:.3f} s in the topic's line")
+
+
+def _residuals(turn: Array, delta: Array, step: float) -> tuple[Array, Array]:
+    """Return delays (l,) [s] and the share (l,) of the angular accelerations that is left unexplained."""
+    width = max(2, round(_WINDOW / step))
+    most = max(1, round(_LATEST / step))
+    slope = (turn[width:] - turn[:-width]) / (width * step)
+    states, held = windowed(turn, width), windowed(delta, width)
+    inner = slice(most, len(slope) - most)
+    y = slope[inner] - slope[inner].mean(axis=0)
+    scale = np.square(y).sum(axis=0)
+    lags, scores = [], []
+    for steps in range(-most, most + 1):
+        own = held[most - steps : len(held) - most - steps]
+        x = np.column_stack([states[inner], own, np.ones(len(own))])
+        weights, *_ = np.linalg.lstsq(x, y, rcond=None)
+        left = np.square(y - x @ weights).sum(axis=0)
+        lags.append(steps * step)
+        scores.append(float(np.mean(left / np.where(scale > 0.0, scale, 1.0))))
+    return np.array(lags), np.array(scores)
+
+
+def check_derivatives(record: Record) -> Iterator[Finding]:
+    """Yield measured derivatives that are not those of their states, with the factor that makes them so."""
+    pairs = [
+        (name, f"states.{name.removeprefix('derivatives.')}")
+        for name in record.series
+        if name.startswith("derivatives.")
+    ]
+    if "angular_acceleration" in record.series:
+        pairs.append(("angular_acceleration", "angular_velocity"))
+    for derivative, state in pairs:
+        if state in record.series and min(len(record.series[n].stamps) for n in (derivative, state)) > 50:
+            yield from _check_derivative(record, derivative, state)
+
+
+def _check_derivative(record: Record, derivative: str, state: str) -> Iterator[Finding]:
+    pair = {n: record.series[n] for n in (derivative, state)}
+    slowest = max(float(np.median(np.diff(s.stamps))) * 1e-9 for s in pair.values())
+    grid = on_grid(pair, max(_STEP, slowest), _MOST)
+    if grid is None:
+        return
+    step = float(grid[0][1])
+    width = max(1, round(0.1 / step))
+    signs = [np.array(BODY[pair[n].stream.body or "frd"]) if pair[n].values.shape[1] == 3 else np.ones(1) for n in pair]
+    given, values = (grid[1][n] * s for n, s in zip((derivative, state), signs, strict=True))
+    slope = (values[width:] - values[:-width]) / (width * step)
+    measured = windowed(given, width)
+    slope, measured = slope - slope.mean(axis=0), measured - measured.mean(axis=0)
+    now = misfit(slope, measured)
+    if now < 0.8 or slope.std() < 1e-6:
+        return
+    where, leaf = f"inputs.{derivative}", state.rpartition(".")[2]
+    what = f"is not the derivative of {leaf} (misfit {now:.2g}; 0 agrees, 2 unrelated, 4 opposite)"
+    for word, factor in _FACTORS.items():
+        if misfit(slope, factor * measured) < min(0.4, 0.4 * now):
+            yield Finding(WRONG, "derivative", where, what, f"scale={word}")
+            return
+    if slope.shape[1] == 3 and misfit(slope, measured * BODY["flu"]) < 0.4:
+        yield Finding(WRONG, "derivative", where, what, "the other frame, flu or frd")
+        return
+    yield Finding(DOUBTFUL, "derivative", where, what, "leave it out, so that the state is differentiated")

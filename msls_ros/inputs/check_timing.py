@@ -1,0 +1,140 @@
+"""Are the streams of a map fast enough, whole, and of one clock? Each check yields findings; see `findings`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from msls_ros.estimation import Configuration
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.series import Record, Series, TopicTimes
+
+_SLOW, _TOO_SLOW = 20.0, 8.0
+"""Rates of a servo record below which B is doubtful, and wrong: rigid-body modes are at 0.5 to 3 Hz [Hz]."""
+_RATE_OFF, _RATE_WRONG = 0.1, 0.5
+"""Deviation of the clock's rate from sample_rate, as a share."""
+_EFFECTORS = "effectors."
+
+
+def check_fields(record: Record) -> Iterator[Finding]:
+    """Yield what could not be read: fields, elements, joints, numbers that are none, quaternions of no length."""
+    for where, reasons in record.failures.items():
+        for reason, (count, text) in reasons.items():
+            whole = where not in record.series and where.removeprefix("topics.") not in _filled(record)
+            level = WRONG if whole or reason == "field" else DOUBTFUL
+            share = "in every message" if whole else f"in {count} messages"
+            yield Finding(level, reason, f"inputs.{where}", f"{text} ({share})", _mend_of(reason))
+    for alias, topic in record.inputs.topics.items():
+        if not len(record.topics[alias].stamps) and f"topics.{alias}" not in record.failures:
+            what = f"topic {topic.topic} has no message in this log"
+            yield Finding(WRONG, "empty", f"inputs.topics.{alias}", what, "map another topic, or record this one")
+
+
+def _filled(record: Record) -> set[str]:
+    return {alias for alias, times in record.topics.items() if len(times.stamps)}
+
+
+def _mend_of(reason: str) -> str:
+    return {
+        "field": "write one of the fields that exist",
+        "field_missing": "write an element that the messages hold",
+        "not_finite": "map a field that is measured",
+        "quaternion": "map the field that holds the attitude; this one is not filled in",
+    }.get(reason, "")
+
+
+def check_rates(record: Record, configuration: Configuration) -> Iterator[Finding]:
+    """Yield rate, jitter and gaps of each topic, and what does not fit sample_rate and maximum_age."""
+    inputs = record.inputs
+    for alias, times in record.topics.items():
+        if len(times.stamps) < 3:
+            continue
+        yield from _check_topic(f"inputs.topics.{alias}", times, inputs.maximum_age)
+    clock = record.topics[inputs.clock]
+    rate = _rate(clock)
+    if rate:
+        off = rate / configuration.sample_rate - 1.0
+        if abs(off) > _RATE_OFF:
+            level = WRONG if abs(off) > _RATE_WRONG else DOUBTFUL
+            what = f"the clock {inputs.topics[inputs.clock].topic} comes at {rate:.3g} Hz, sample_rate is "
+            what += f"{configuration.sample_rate:g} Hz"
+            yield Finding(level, "sample_rate", "sample_rate", what, f"sample_rate: {rate:.3g}")
+    for name, series in record.series.items():
+        yield from _check_age(name, series, rate)
+
+
+def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:
+    steps = np.diff(times.stamps)
+    steps = steps[steps > 0]
+    if not len(steps):
+        what = "all stamps are the same"
+        yield Finding(WRONG, "stamps", where, what, "give stamp=PATH of the field that counts time, or stamp=arrival")
+        return
+    median = float(np.median(steps)) * 1e-9
+    logged = float(np.median(np.diff(times.logged))) * 1e-9
+    low, high = np.quantile(steps, [0.05, 0.95]) * 1e-9
+    what = f"{1.0 / median:.4g} Hz, 90 % of the steps between {1e3 * low:.3g} and {1e3 * high:.3g} ms"
+    yield Finding(NOTE, "rate", where, what)
+    ratio = median / logged if logged > 0.0 else 1.0
+    spans = [float(s[-1] - s[0]) for s in (times.stamps, times.logged)]
+    whole = spans[0] / spans[1] if spans[1] > 0.0 else 1.0
+    if min(ratio, whole) > 30.0 or max(ratio, whole) < 1.0 / 30.0:
+        what = f"stamps go on {whole:.3g} times as fast as the log's own time"
+        yield Finding(WRONG, "stamps", where, what, "unit=" + _unit(whole) + ", as the stamps count")
+    if times.repeated + times.back > 0.02 * len(times.stamps):
+        what = f"{times.repeated} stamps repeat and {times.back} go back, of {len(times.stamps)}"
+        level = WRONG if times.repeated + times.back > 0.5 * len(times.stamps) else DOUBTFUL
+        yield Finding(level, "stamps", where, what, "give stamp=PATH of the instant of the measurement")
+    gaps = steps[steps > max(5e9 * median, age)] * 1e-9
+    if len(gaps):
+        what = f"{len(gaps)} gaps, the longest {gaps.max():.3g} s"
+        yield Finding(DOUBTFUL, "gaps", where, what, "nothing is learnt there; look at the recorder or the link")
+
+
+def _unit(ratio: float) -> str:
+    """Return the unit of a number that was read with the wrong one, so many times too large, where it was seconds."""
+    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
+        if 0.3 < ratio / factor < 3.0:
+            return unit
+    return "s, ms, us or ns"
+
+
+def _rate(times: TopicTimes) -> float:
+    steps = np.diff(times.stamps)
+    steps = steps[steps > 0]
+    return 1e9 / float(np.median(steps)) if len(steps) > 1 else 0.0
+
+
+def _check_age(name: str, series: Series, clock_rate: float) -> Iterator[Finding]:
+    if len(series.stamps) < 3:
+        return
+    period = float(np.median(np.diff(series.stamps))) * 1e-9
+    age, where = series.stream.track.age * 1e-9, f"inputs.{name}"
+    if period > age:
+        what = f"a sample every {period:.3g} s is older than maximum_age allows, {age:g} s: most instants are refused"
+        mend = f"maximum_age: {1.5 * period:.2g}, or age={1.5 * period:.2g} in this line; better: record it faster"
+        yield Finding(WRONG, "age", where, what, mend)
+    if not name.startswith(_EFFECTORS) or series.stream.track.held:
+        return
+    rate = 1.0 / period
+    if rate < _TOO_SLOW or (rate < _SLOW and clock_rate > 2.0 * rate):
+        what = f"{rate:.3g} Hz is too slow for a surface: what it does in between is not seen, and B comes out wrong"
+        level = WRONG if rate < _TOO_SLOW else DOUBTFUL
+        yield Finding(level, "servo_rate", where, what, f"record it at {max(25.0, min(clock_rate, 50.0)):g} Hz or more")
+
+
+def check_clocks(record: Record) -> Iterator[Finding]:
+    """Yield streams that share no time with the clock."""
+    clock = record.topics[record.inputs.clock].stamps
+    if not len(clock):
+        return
+    for alias, times in record.topics.items():
+        if not len(times.stamps) or alias == record.inputs.clock:
+            continue
+        if times.stamps.max() < clock.min() or times.stamps.min() > clock.max():
+            what = (
+                f"stamps from {times.stamps[0] * 1e-9:.6g} to {times.stamps[-1] * 1e-9:.6g} s share no time with those "
+                f"of the clock, {clock[0] * 1e-9:.6g} to {clock[-1] * 1e-9:.6g} s: two clocks, or another unit"
+            )
+            yield Finding(WRONG, "clocks", f"inputs.topics.{alias}", what, "stamp=arrival in both lines, or unit=...")

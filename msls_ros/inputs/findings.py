@@ -1,0 +1,35 @@
+"""What an inspection says of a log and its map: what was found, how bad it is, what to change."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+WRONG, DOUBTFUL, NOTE = "wrong", "doubtful", "note"
+LEVELS = (WRONG, DOUBTFUL, NOTE)
+"""How bad, the worst first: numbers would be wrong; numbers may be worse than need be; good to know."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that an inspection found."""
+
+    level: str
+    """One of `LEVELS`."""
+    kind: str
+    """One word for programs: rate, gaps, units, sign, frame, delay, ..."""
+    where: str
+    """Entry of the map, topic or effector."""
+    what: str
+    """A sentence: what was found."""
+    change: str = ""
+    """A sentence: what to change; empty: nothing."""
+
+    def sentence(self) -> str:
+        """Return it as one line."""
+        return f"{self.where}: {self.what}" + (f" -> {self.change}" if self.change else "")
+
+
+def ordered(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings, the worst first, each once."""
+    return sorted(dict.fromkeys(findings), key=lambda f: LEVELS.index(f.level))

@@ -1,0 +1,223 @@
+"""Attitude, rates, velocity and accelerometer of a log against each other, under any reading of their frames and units.
+
+The equations are those of a rigid body over a flat earth, integrated over a window so that nothing need be
+differentiated twice; with R the matrix from forward-right-down to north-east-down::
+
+    turn(R(t), R(t+h)) / h = mean of omega                      rates
+    (R v (t+h) - R v (t)) / h = mean of (R f) + g               force
+    mean of (R f) over the whole flight = -g                    weight
+    R' v points ahead                                           heading
+    the belly points down                                       upright
+
+"size" is the logarithm of the ratio of the two sides of "force", where they are the same but for it.
+
+The misfit of an equation is ``2 |a - b|^2 / (|a|^2 + |b|^2)``: 0 where both sides agree, 2 where they have nothing to
+do with each other, 4 where the sign is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kinematics import GRAVITY
+from msls_ros.inputs.frames import BODY, EARTH
+
+_WINDOW, _LONG = 0.2, 0.8
+"""Over which turns, and changes of velocity, are taken [s]."""
+_CLEAR = 0.8
+"""Correlation from which two signals are the same but for their size."""
+_TURNING = 0.02
+"""Rates below this rms show nothing [rad/s]."""
+_MOVING = 0.4
+"""Accelerations below this rms show nothing [m/s^2]."""
+_FLYING = 3.0
+"""Speed from which an aircraft is expected to move ahead [m/s]."""
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How the raw numbers of a log are read."""
+
+    attitude_body: str = "frd"
+    attitude_earth: str = "ned"
+    order: tuple[int, ...] = (0, 1, 2, 3)
+    """Places of w, x, y, z among the four numbers."""
+    conjugate: bool = False
+    attitude_scale: float = 1.0
+    """Of Euler angles that are mapped one by one."""
+    rates_frame: str = "frd"
+    rates_axes: tuple[int, ...] = (0, 1, 2)
+    rates_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    velocity_frame: str = "frd"
+    """Of `BODY` or `EARTH`."""
+    velocity_scale: float = 1.0
+    force_frame: str = "frd"
+    force_scale: float = 1.0
+    weightless: bool = False
+    """Gravity has been taken off the accelerometer."""
+
+    def but(self, **changes: object) -> Reading:
+        """Return another reading."""
+        return replace(self, **changes)  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Raw numbers at common instants; k of them. What the log does not have is None."""
+
+    step: float
+    """[s]"""
+    quaternion: Array | None = None
+    """(k, 4) in the order of the messages."""
+    euler: Array | None = None
+    """(k, 3) Phi, Theta, Psi, where they are mapped one by one."""
+    rates: Array | None = None
+    velocity: Array | None = None
+    force: Array | None = None
+    """(k, 3)"""
+
+    def shifted(self, name: str, steps: int) -> Motion:
+        """Return the motion with one signal taken so many steps later than the others."""
+        found: dict[str, Any] = {}
+        for key in ("quaternion", "euler", "rates", "velocity", "force"):
+            value: Array | None = getattr(self, key)
+            if value is not None:
+                own = steps if key == name else 0
+                least, most = min(0, steps), max(0, steps)
+                found[key] = value[own - least : len(value) + own - most]
+        return replace(self, **found)
+
+    def misfits(self, reading: Reading) -> dict[str, float]:
+        """Return the misfit of each equation that the log can show, by its name."""
+        turn = self._rotation(reading)
+        if turn is None:
+            return {}
+        width = max(1, round(_WINDOW / self.step))
+        found = {"upright": 1.0 - float(turn[:, 2, 2].mean())}
+        rates = self._body(self.rates, reading.rates_frame, reading.rates_scale, reading.rates_axes)
+        if rates is not None:
+            found.update(_rates(turn, rates, width, self.step))
+        velocity = self._velocity(turn, reading)
+        force = self._body(self.force, reading.force_frame, (reading.force_scale,) * 3)
+        if force is not None:
+            pull = np.einsum("kij,kj->ki", turn, force)
+            if reading.weightless:
+                pull = pull - [0.0, 0.0, GRAVITY]
+            mean = pull.mean(axis=0) + np.array([0.0, 0.0, GRAVITY])
+            found["weight"] = float(np.linalg.norm(mean)) / GRAVITY
+            if velocity is not None:
+                tried = [_force(velocity, pull, max(1, round(w / self.step)), self.step) for w in (_WINDOW, _LONG)]
+                found.update(min((one for one in tried if one), key=lambda one: one["force"], default={}))
+        if velocity is not None:
+            speed = np.linalg.norm(velocity, axis=1)
+            if float(np.median(speed)) > _FLYING:
+                ahead = np.einsum("ki,ki->k", turn[:, :, 0], velocity)
+                found["heading"] = 1.0 - float(ahead.sum() / speed.sum())
+        return found
+
+    def _rotation(self, reading: Reading) -> Array | None:
+        """Return the matrices (k, 3, 3) from FRD to NED."""
+        if self.quaternion is not None:
+            matrix = _matrices(self.quaternion[:, list(reading.order)], reading.conjugate)
+            rows = np.zeros((3, 3))
+            for i, (place, sign) in enumerate(EARTH[reading.attitude_earth]):
+                rows[i, place] = sign
+            return np.asarray(rows @ matrix * BODY[reading.attitude_body])
+        if self.euler is None:
+            return None
+        (sp, st, ss), (cp, ct, cs) = (f(self.euler.T * reading.attitude_scale) for f in (np.sin, np.cos))
+        return np.stack(
+            [
+                np.stack([ct * cs, sp * st * cs - cp * ss, cp * st * cs + sp * ss], axis=1),
+                np.stack([ct * ss, sp * st * ss + cp * cs, cp * st * ss - sp * cs], axis=1),
+                np.stack([-st, sp * ct, cp * ct], axis=1),
+            ],
+            axis=1,
+        )
+
+    def _body(
+        self, raw: Array | None, frame: str, scale: tuple[float, ...], axes: tuple[int, ...] = (0, 1, 2)
+    ) -> Array | None:
+        if raw is None:
+            return None
+        return np.asarray(raw[:, list(axes)] * scale * BODY[frame])
+
+    def _velocity(self, turn: Array, reading: Reading) -> Array | None:
+        """Return the velocity (k, 3) in NED."""
+        if self.velocity is None:
+            return None
+        raw = self.velocity * reading.velocity_scale
+        if reading.velocity_frame in EARTH:
+            return np.stack([sign * raw[:, place] for place, sign in EARTH[reading.velocity_frame]], axis=1)
+        return np.asarray(np.einsum("kij,kj->ki", turn, raw * BODY[reading.velocity_frame]))
+
+
+def _matrices(quaternion: Array, conjugate: bool) -> Array:
+    """Return the rotation matrices (k, 3, 3) of quaternions, w first."""
+    w, x, y, z = (quaternion / np.linalg.norm(quaternion, axis=1)[:, None]).T
+    if conjugate:
+        x, y, z = -x, -y, -z
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def windowed(values: Array, width: int) -> Array:
+    """Return the means (k - width, c) over windows of so many steps, by trapezoids."""
+    middle = 0.5 * (values[1:] + values[:-1])
+    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(middle, axis=0)])
+    return np.asarray((total[width:] - total[:-width]) / width)
+
+
+def turned(turn: Array, width: int, step: float) -> Array:
+    """Return the mean rates (k - width, 3) [rad/s] that an attitude shows over windows of so many steps."""
+    between = np.einsum("kji,kjl->kil", turn[:-width], turn[width:])
+    vector = 0.5 * np.stack(
+        [
+            between[:, 2, 1] - between[:, 1, 2],
+            between[:, 0, 2] - between[:, 2, 0],
+            between[:, 1, 0] - between[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(vector, axis=1)
+    angle = np.arctan2(sine, 0.5 * (np.trace(between, axis1=1, axis2=2) - 1.0))
+    factor = np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 1.0)
+    return np.asarray(vector * factor[:, None] / (width * step))
+
+
+def misfit(a: Array, b: Array) -> float:
+    """Return 2 |a - b|^2 / (|a|^2 + |b|^2)."""
+    both = float((a * a).sum() + (b * b).sum())
+    return 2.0 * float(((a - b) ** 2).sum()) / both if both > 0.0 else 0.0
+
+
+def _rates(turn: Array, rates: Array, width: int, step: float) -> Mapping[str, float]:
+    seen, measured = turned(turn, width, step), windowed(rates, width)
+    seen, measured = seen - seen.mean(axis=0), measured - measured.mean(axis=0)
+    found = {}
+    for i, name in enumerate("PQR"):
+        if max(seen[:, i].std(), measured[:, i].std()) > _TURNING:
+            found[f"rates {name}"] = misfit(seen[:, i], measured[:, i])
+    return found
+
+
+def _force(velocity: Array, pull: Array, width: int, step: float) -> Mapping[str, float]:
+    change = (velocity[width:] - velocity[:-width]) / (width * step)
+    felt = windowed(pull, width)
+    change, felt = change - change.mean(axis=0), felt - felt.mean(axis=0)
+    if max(change.std(), felt.std()) < _MOVING:
+        return {}
+    sizes = float(np.linalg.norm(change)), float(np.linalg.norm(felt))
+    same = float((change * felt).sum()) > _CLEAR * sizes[0] * sizes[1]
+    return {"force": misfit(change, felt), "size": abs(np.log(sizes[0] / sizes[1])) if same else 0.0}

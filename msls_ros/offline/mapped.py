@@ -1,0 +1,79 @@
+"""A log of other topics in memory, read through its map: what a bag of `msls_msgs` would hold of it."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+
+from msls_ros.bags import AnyReader, BagError, Sample
+from msls_ros.estimation import Configuration
+from msls_ros.inputs import InputAdapter, InputMap, Refused, StateRow
+from msls_ros.offline.recording import Input, Recording
+from msls_ros.offline.sources import ordered_batches
+
+_OURS = "msls_msgs/msg/"
+_LONGEST_RUN = 500
+
+
+def is_own(reader: AnyReader) -> bool:
+    """Whether a log holds `msls_msgs`."""
+    return any(kind.startswith(_OURS) for kind in reader.topics.values())
+
+
+def mapped_recording(
+    reader: AnyReader,
+    configuration: Configuration,
+    inputs: InputMap,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Recording:
+    """Read a log through its map.
+
+    Parameters
+    ----------
+    reader
+        Of the log.
+    configuration
+        Of the identifier.
+    inputs
+        The map.
+    progress
+        Called with the share that is read.
+
+    Raises
+    ------
+    BagError, EstimationError
+        If the map's topics are not there, or have no definitions.
+    """
+    refused: Counter[str] = Counter()
+    examples: dict[str, str] = {}
+
+    def note(one: Refused) -> None:
+        examples.setdefault(one.reason, str(one))
+
+    adapter = InputAdapter(
+        inputs, configuration.states, configuration.effectors, time_jump=configuration.time_jump, refused=refused,
+        report=note,
+    )  # fmt: skip
+    adapter.check(reader.topics)
+    own = reader.only(adapter.topics)
+    found: list[Input] = []
+    for batch in ordered_batches(own, list(adapter.topics), _LONGEST_RUN):
+        for message in batch:
+            try:
+                decoded = own.decode(message)
+            except BagError as error:
+                refused["malformed"] += 1
+                examples.setdefault("malformed", str(error))
+                continue
+            for row in adapter.push(message.topic, message.stamp_ns, decoded):
+                if isinstance(row, StateRow):
+                    found.append(Input("state", row.stamp, Sample(row.stamp, row.names, row.x, row.xdot), ""))
+                else:
+                    found.append(Input("effectors", row.stamp, Sample(row.stamp, row.names, row.delta, None), ""))
+        progress(own.progress)
+    counts = reader.summary.counts if reader.summary is not None else {}
+    topics = [(name, kind, counts.get(name, 0)) for name, kind in sorted(reader.topics.items())]
+    return Recording(
+        prefix="/", inputs=found, messages={"model": []}, stride=1, topics=topics, diagnostics={},
+        warnings=list(own.warnings), refused=dict(refused), examples=examples,
+    )  # fmt: skip

@@ -1,0 +1,95 @@
+"""The verdict: what the flight shows, in a few sentences for somebody who reads nothing else."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from msls_ros.report.knowledge import WELL, Knowledge, SlowChange
+from msls_ros.report.recorded import Event, Recorded, TruthChange
+from msls_ros.report.style import derivative, number
+from msls_ros.report.words import describe_drift, describe_truth, false_alarms, listed
+
+_MOST = 3
+
+
+def verdict(
+    flight: Recorded, known: Knowledge | None, slow: Sequence[SlowChange], changes: Sequence[TruthChange]
+) -> list[str]:
+    """Return what changed, what is known, and what the truth says of both where the log holds it.
+
+    Parameters
+    ----------
+    flight
+        All that was recorded.
+    known
+        None where there is no model.
+    slow
+        Changes without an alarm.
+    changes
+        Of the truth.
+    """
+    sentences = []
+    if known is not None:
+        sentences = [_what_changed(flight.events, slow), _what_is_known(flight, known)]
+    else:
+        sentences = ["No model: nothing was identified."]
+    wrong = [f for f in flight.findings if f.level == "wrong"]
+    if wrong:
+        sentences.append(f"The data check finds {len(wrong)} wrong: {wrong[0].where}: {wrong[0].what}.")
+    if flight.truth is not None and flight.models is not None:
+        sentences += [s for change in changes[:_MOST] for s in describe_truth(flight, change)]
+        if not changes:
+            drift = describe_drift(flight.truth, flight.models)
+            sentences.append(drift or "The plant's own model had no abrupt change.")
+        false = false_alarms(flight, changes)
+        when = f" ({listed(f'{e.time:.2f} s' for e in false[:6])})" if false else ""
+        sentences.append(f"False alarms: {len(false)}{when}." if false else "No false alarm.")
+    return [*sentences, *_dither(flight)]
+
+
+def _what_changed(events: Sequence[Event], slow: Sequence[SlowChange]) -> str:
+    parts = []
+    alarms = [e for e in events if e.kind == "detected"]
+    for number_of, alarm in enumerate(alarms[:_MOST]):
+        end = alarms[number_of + 1].time if number_of + 1 < len(alarms) else np.inf
+        named = [e for e in events if e.kind == "isolated" and alarm.time <= e.time < end]
+        parts.append(_alarm(alarm, named))
+    if len(alarms) > _MOST:
+        parts.append(f"{len(alarms) - _MOST} more alarms followed")
+    for change in slow:
+        what = f"{change.name} {number(change.before)} → {number(change.after)}"
+        parts.append(f"{what} between {change.begin:.1f} and {change.end:.1f} s, without an alarm")
+    return ("; ".join(parts) or "Nothing changed: no abrupt change, and no slow one that is sure") + "."
+
+
+def _alarm(alarm: Event, named: Sequence[Event]) -> str:
+    if not named:
+        where = listed(derivative(name) for name in alarm.equations)
+        return f"Abrupt change of {where} at {alarm.time:.2f} s, no effector named"
+    left = listed(
+        f"{e.effector} {100.0 * e.effectiveness:.0f} ± {100.0 * e.effectiveness_std:.0f} %"
+        for e in {e.effector: e for e in named}.values()
+    )
+    after = named[0].time - alarm.time
+    return f"Effect left from {alarm.time:.2f} s: {left}, named {after:.2f} s after the alarm"
+
+
+def _what_is_known(flight: Recorded, known: Knowledge) -> str:
+    begin, end = flight.span
+    count, free = int(known.known.sum()), int(known.free.sum())
+    now = int((known.known & known.now).sum())
+    text = f"{known.well} of {free} numbers known to better than {100.0 * WELL:.0f} %"
+    more = f" ({count} reliable, {count - now} of them not excited at the end)" if count else " (none reliable)"
+    samples = f", {flight.samples:,} samples" if flight.samples is not None else ""
+    return f"{text}{more}, from {end - begin:.1f} s of flight{samples}."
+
+
+def _dither(flight: Recorded) -> list[str]:
+    dither = flight.dither
+    if dither is None or not len(dither.time) or not np.any(dither.delta):
+        return []
+    over = int(np.count_nonzero(dither.predicted > dither.limit * (1.0 + 1e-9)))
+    kept = "within its limit at every sample" if over == 0 else f"OVER its limit at {over} samples"
+    return [f"Dither: at most {float(np.nanmax(dither.predicted)):.3f} g rms predicted at the pilot, {kept}."]

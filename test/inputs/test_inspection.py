@@ -1,0 +1,276 @@
+"""Ways to get a map wrong: each is refused, or found with a sentence that names the mend; a right map has none."""
+
+from __future__ import annotations
+
+import copy
+import math
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from inputs import mapped_messages as made
+from inputs.mapped_messages import Flight, rigid_flight
+
+from msls_ros.estimation import Configuration, EstimationError
+from msls_ros.inputs import InputAdapter, InputMap
+from msls_ros.inputs.findings import NOTE, WRONG, Finding
+from msls_ros.inputs.inspection import check_topics, findings_of
+from msls_ros.inputs.series import Collector
+
+Message = tuple[int, str, str, dict[str, Any]]
+SECONDS = 6.0
+NAMES = ("elevator", "aileron", "rudder")
+LINES: dict[str, Any] = {
+    "topics.odometry": "/odom nav_msgs/msg/Odometry",
+    "topics.imu": "/imu/data sensor_msgs/msg/Imu",
+    "topics.joints": "/joint_states sensor_msgs/msg/JointState",
+    "clock": "imu",
+    "velocity": "odometry twist.twist.linear frame=flu",
+    "attitude": "odometry pose.pose.orientation frame=flu/enu",
+    "angular_velocity": "imu angular_velocity frame=flu",
+    "specific_force": "imu linear_acceleration frame=flu",
+    "effectors.de": "joints position[name=elevator]",
+    "effectors.da": "joints position[name=aileron]",
+    "effectors.dr": "joints position[name=rudder]",
+}
+TOPICS = {"/odom": made.ODOMETRY, "/imu/data": made.IMU, "/joint_states": made.JOINTS, "/rc/out": made.RC_OUT}
+
+
+@cache
+def flown() -> Flight:
+    return replace(rigid_flight(SECONDS), effectors=NAMES)
+
+
+@cache
+def messages() -> tuple[Message, ...]:
+    flight = flown()
+    found = list(made.standard(flight))
+    for k in range(0, len(flight.x), 2):
+        pulses = 1500.0 + np.array([*(flight.delta[k] / 0.00109), 0, 0, 0, 0, 0])
+        values = {"header": made.header(flight.stamp(k)), "channels": np.rint(pulses).astype(np.uint16)}
+        found.append((flight.stamp(k) + 400, "/rc/out", made.RC_OUT, values))
+    return tuple(sorted(found, key=lambda m: m[0]))
+
+
+class Fields:
+    """A message: attributes, as any has."""
+
+    def __init__(self, fields: dict[str, Any]) -> None:
+        self.__dict__ = {k: Fields(v) if isinstance(v, dict) else v for k, v in fields.items()}
+
+
+def look(
+    changes: dict[str, Any], change: Callable[[Message], Message | None] = lambda m: m, **parameters: Any
+) -> list[Finding]:
+    """Inspect the flight with a map that is changed; entries that are None are left out."""
+    lines = {k: v for k, v in {**LINES, **changes}.items() if v is not None}
+    inputs = InputMap.from_parameters(lines)
+    effectors = tuple(n[10:] for n in lines if n.startswith("effectors."))
+    given = {"effectors": effectors, "sample_rate": 100.0, "reference_speed": 18.0, **parameters}
+    configuration = Configuration().replace(given)
+    InputAdapter(inputs, configuration.states, configuration.effectors)
+    found = list(check_topics(inputs, TOPICS))
+    collector = Collector(inputs)
+    for message in messages():
+        changed = change(copy.deepcopy(message))
+        if changed is not None and TOPICS.get(changed[1]) == inputs_type(inputs, changed[1]):
+            collector.take(changed[1], changed[0], Fields(changed[3]))
+    missing = {f.where for f in found}
+    return [*found, *(f for f in findings_of(collector.record(), configuration) if f.where not in missing)]
+
+
+def inputs_type(inputs: InputMap, topic: str) -> str | None:
+    return next((t.msgtype for t in inputs.topics.values() if t.topic == topic), None)
+
+
+def of(topic: str, *path: str) -> Callable[[Callable[[Any], Any]], Callable[[Message], Message]]:
+    """Return what changes a field of the messages of a topic."""
+
+    def with_function(function: Callable[[Any], Any]) -> Callable[[Message], Message]:
+        def change(message: Message) -> Message:
+            if message[1] == topic:
+                owner = message[3]
+                for name in path[:-1]:
+                    owner = owner[name]
+                owner[path[-1]] = function(owner[path[-1]])
+            return message
+
+        return change
+
+    return with_function
+
+
+def vector(function: Callable[[float], float]) -> Callable[[dict[str, float]], dict[str, float]]:
+    return lambda v: {k: function(x) for k, x in v.items()}
+
+
+def later(seconds: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """Return what moves a stamp."""
+
+    def change(head: dict[str, Any]) -> dict[str, Any]:
+        stamp = head["stamp"]["sec"] * 10**9 + head["stamp"]["nanosec"] + round(seconds * 1e9)
+        return made.header(stamp)
+
+    return change
+
+
+def no_gravity(message: Message) -> Message:
+    if message[1] == "/imu/data":
+        k = (message[0] - made.START) // 10**7
+        force = flown().force(k) + made.rotation(flown().x[k, 6:]).T @ [0.0, 0.0, made.GRAVITY]
+        message[3]["linear_acceleration"] = made.flu(force)
+    return message
+
+
+def every(topic: str, number: int) -> Callable[[Message], Message | None]:
+    """Return what keeps every so many messages of a topic."""
+    seen = [0]
+
+    def change(message: Message) -> Message | None:
+        seen[0] += message[1] == topic
+        return None if message[1] == topic and seen[0] % number else message
+
+    return change
+
+
+PULSES = {"topics.servos": "/rc/out mavros_msgs/msg/RCOut", "topics.joints": None}
+
+
+def channels(*numbers: int, more: str = "zero=1500 scale=0.00109") -> dict[str, Any]:
+    names = ("de", "da", "dr")
+    lines = {f"effectors.{n}": f"servos channels[{i}] {more}" for n, i in zip(names, numbers, strict=True)}
+    return {**PULSES, **lines}
+
+
+RATES, FORCE = ("/imu/data", "angular_velocity"), ("/imu/data", "linear_acceleration")
+VELOCITY, ATTITUDE = ("/odom", "twist", "twist", "linear"), ("/odom", "pose", "pose", "orientation")
+WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
+    "topic misspelt": (lambda: look({"topics.imu": "/imu/dta sensor_msgs/msg/Imu"}), "did you mean '/imu/data'"),
+    "wrong type": (lambda: look({"topics.imu": "/imu/data nav_msgs/msg/Odometry"}), "has type sensor_msgs/msg/Imu"),
+    "field misspelt": (
+        lambda: look({"angular_velocity": "imu angular_velocty frame=flu"}), "did you mean 'angular_velocity'",
+    ),
+    "field of another depth": (lambda: look({"velocity": "odometry twist.linear frame=flu"}), "its fields are twist"),
+    "joint misspelt": (lambda: look({"effectors.de": "joints position[name=elevater]"}), "did you mean 'elevator'"),
+    "channel out of range": (lambda: look(channels(0, 1, 12)), "'channels' has 8 elements"),
+    "alias unknown": (lambda: look({"velocity": "odom twist.twist.linear"}), "did you mean 'odometry'"),
+    "option unknown": (lambda: look({"velocity": "odometry twist.twist.linear fame=flu"}), "did you mean 'frame'"),
+    "frame unknown": (lambda: look({"velocity": "odometry twist.twist.linear frame=fru"}), "must be one of frd, flu"),
+    "clock unknown": (lambda: look({"clock": "imus"}), "did you mean 'imu'"),
+    "entry unknown": (lambda: look({"velocty": "odometry twist.twist.linear"}), "did you mean 'velocity'"),
+    "effector not mapped": (lambda: look({"effectors.dr": None}, effectors=("de", "da", "dr")), "comes from nowhere"),
+    "quaternion never filled in": (
+        lambda: look({}, of(*ATTITUDE)(vector(lambda x: 0.0))), "length of 0; expected 1.*map the field that holds",
+    ),
+    "quaternion with w last": (
+        lambda: look({"attitude": "odometry " + ",".join(f"pose.pose.orientation.{c}" for c in "xyzw")
+                      + " frame=flu/enu"}),
+        "give w first",
+    ),
+    "attitude not turned": (
+        lambda: look({"attitude": "odometry pose.pose.orientation"}), "inputs.attitude: frame=flu/enu",
+    ),
+    "rates in degrees": (lambda: look({}, of(*RATES)(vector(math.degrees))), "scale=0.0174533"),
+    "rates of a slow flight in degrees": (
+        lambda: look({}, of(*RATES)(vector(lambda x: 8.0 * x))), "no single frame|scale=",
+    ),
+    "roll rate with the wrong sign": (
+        lambda: look({"angular_velocity": "imu angular_velocity frame=flu scale=-1,1,1"}), "sign of P is wrong",
+    ),
+    "yaw rate with the wrong sign": (
+        lambda: look({"angular_velocity": "imu angular_velocity frame=flu scale=1,1,-1"}), "sign of R is wrong",
+    ),
+    "rates not turned": (lambda: look({"angular_velocity": "imu angular_velocity"}), "angular_velocity: frame=flu"),
+    "axes exchanged": (
+        lambda: look({"angular_velocity": "imu " + ",".join(f"angular_velocity.{c}" for c in "yxz") + " frame=flu"}),
+        "axes are exchanged",
+    ),
+    "velocity not turned": (lambda: look({"velocity": "odometry twist.twist.linear"}), "velocity: frame=flu"),
+    "velocity of the body taken for that of the earth": (
+        lambda: look({"velocity": "odometry twist.twist.linear frame=enu"}), "velocity: frame=flu",
+    ),
+    "velocity in knots": (lambda: look({}, of(*VELOCITY)(vector(lambda x: x / 0.514444))), "in knots"),
+    "velocity in centimetres": (lambda: look({}, of(*VELOCITY)(vector(lambda x: 100.0 * x))), "in cm/s"),
+    "velocity backwards": (lambda: look({}, of(*VELOCITY)(vector(lambda x: -x))), "velocity: scale=-1"),
+    "nothing turned": (
+        lambda: look({
+            "velocity": "odometry twist.twist.linear", "attitude": "odometry pose.pose.orientation",
+            "angular_velocity": "imu angular_velocity", "specific_force": "imu linear_acceleration",
+        }),
+        "frame=flu for body vectors, frame=flu/enu for the attitude",
+    ),
+    "force in g": (lambda: look({}, of(*FORCE)(vector(lambda x: x / 9.80665))), "scale=9.80665"),
+    "force not turned": (lambda: look({"specific_force": "imu linear_acceleration"}), "specific_force: frame=flu"),
+    "force with the sign of gravity": (lambda: look({}, of(*FORCE)(vector(lambda x: -x))), "specific_force: scale=-1"),
+    "gravity taken off": (lambda: look({}, no_gravity), "gravity has been taken off"),
+    "surfaces in degrees": (
+        lambda: look({}, of("/joint_states", "position")(np.degrees)), r"degrees.*scale=0\.0174533",
+    ),
+    "pulses taken for radians": (lambda: look(channels(0, 1, 2, more="scale=1")), "pulses in microseconds"),
+    "command of -1 to 1 taken for radians": (
+        lambda: look({}, of("/joint_states", "position")(lambda x: x / 0.12)), "command from -1 to 1|no surface does",
+    ),
+    "channel of no surface": (lambda: look(channels(0, 1, 5)), "constant at 0"),
+    "two effectors of one channel": (lambda: look(channels(0, 1, 1)), r"dr moves \+1 times as da does"),
+    "two effectors of one servo, in a ratio": (
+        lambda: look({"effectors.dr": "joints position[name=aileron] scale=-2"}), r"dr moves -2 times as da does",
+    ),
+    "servos recorded too slowly": (
+        lambda: look({"maximum_age": 1.0}, every("/joint_states", 20)), "2.5 Hz is too slow for a surface",
+    ),
+    "maximum_age shorter than a period": (lambda: look({"maximum_age": 0.015}), "maximum_age: 0.03"),
+    "sample_rate of another clock": (lambda: look({}, sample_rate=50.0), "sample_rate: 100"),
+    "speed of another aircraft": (lambda: look({}, reference_speed=180.0), "reference_speed: 18"),
+    "servos late": (lambda: look({}, of("/joint_states", "header")(later(0.15))), "before the surfaces|after the surf"),
+    "delay with the wrong sign": (
+        lambda: look({"topics.joints": "/joint_states sensor_msgs/msg/JointState delay=-0.1"}),
+        r"delay smaller by -0\.(09|10|11)",
+    ),
+    "rates late": (lambda: look({}, of("/imu/data", "header")(later(0.2))), "200 ms later"),
+    "two clocks": (lambda: look({}, of("/joint_states", "header")(later(1.7e9))), "share no time with those of"),
+    "stamps in another unit": (
+        lambda: look({"topics.joints": "/joint_states sensor_msgs/msg/JointState stamp=header.stamp.nanosec unit=s"}),
+        "stamps go on|share no time|go back",
+    ),
+    "place of the accelerometer in millimetres": (lambda: look({"imu_position": [300.0, 0.0, 0.0]}), "in metres"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_wrong_map_is_found_and_the_mend_is_named(way: str) -> None:
+    make, said = WAYS[way]
+    try:
+        found = [f for f in make() if f.level != NOTE]
+    except EstimationError as error:
+        assert re.search(said, str(error)), error
+        return
+    sentences = [f.sentence() for f in found]
+    assert any(re.search(said, s) for s in sentences), sentences
+    assert any(f.level == WRONG for f in found) or way == "speed of another aircraft", sentences
+    assert all(f.change for f in found)
+
+
+def test_there_are_many_ways() -> None:
+    assert len(WAYS) >= 30
+
+
+@pytest.mark.parametrize("lines", [{}, channels(0, 1, 2)])
+def test_a_right_map_has_notes_only(lines: dict[str, Any]) -> None:
+    found = look(lines)
+    assert [f for f in found if f.level != NOTE] == []
+    assert any("agree with the motion" in f.what for f in found)
+
+
+def test_noise_of_real_sensors_is_no_finding() -> None:
+    random = np.random.default_rng(3)
+
+    def noisy(message: Message) -> Message:
+        for path, size in ((RATES, 0.02), (FORCE, 0.5), (VELOCITY, 0.15)):
+            message = of(*path)(vector(lambda x, size=size: x + size * random.standard_normal()))(message)  # type: ignore[misc]
+        return message
+
+    assert [f for f in look({}, noisy) if f.level == WRONG] == []

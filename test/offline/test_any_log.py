@@ -1,0 +1,147 @@
+"""One flight as five kinds of log: one command each, no map given, the same estimates; and the page in one step."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from inputs import mapped_messages as made
+from inputs.mapped_logs import write_dataflash, write_ulog
+from inputs.mapped_messages import Flight, Sent, rigid_flight, write_bag
+from offline.replayed import run
+from rosbags.rosbag1 import Writer
+from rosbags.typesys import Stores, get_typestore
+
+from msls_ros.commands import inspect, report
+
+EPOCH = 1_790_000_000 * 10**9
+TRUTH = {"P/P": -8.0, "P/da": 40.0, "Q/Q": -5.0, "Q/de": -30.0, "R/dr": -12.0, "R/da": -2.0}
+"""Of the flight, by the names of the states and surfaces."""
+SIGNS = {"flight.ulg": {}, "flight.bin": {}, "rosbag2": {}, "ros1.bag": {}, "mavros": {"de": -1.0}}
+"""The way that a servo turns is not known to a map of pulses."""
+NAMES = {"elevator": "de", "aileron": "da", "rudder": "dr", "servo1": "da", "servo2": "de", "servo4": "dr"}
+
+
+@pytest.fixture(scope="module")
+def flight() -> Flight:
+    return rigid_flight(12.0)
+
+
+def write_ros1(path: Path, sent: list[Sent]) -> Path:
+    """Write messages of ROS 1, at stamps of today."""
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Writer(path) as writer:
+        connections = {}
+        for log, topic, msgtype, fields in sent:
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, msgtype, typestore=store)
+            message = _ros1(store, msgtype, fields)
+            writer.write(connections[topic], log + EPOCH, store.serialize_ros1(message, msgtype))
+    return path
+
+
+def _ros1(store: Any, msgtype: str, given: Any) -> Any:
+    """Make a message; what is not given is zero."""
+    kind = store.types[msgtype]
+    values = {}
+    for name, (form, detail) in store.fielddefs[msgtype][1]:
+        value = given.get(name) if isinstance(given, dict) else None
+        if msgtype == "std_msgs/msg/Header" and name == "stamp":
+            nanoseconds = (given or {}).get("stamp", {}).get("sec", 0) * 10**9 + given["stamp"]["nanosec"] + EPOCH
+            stamp = store.types["builtin_interfaces/msg/Time"]
+            values[name] = stamp(nanoseconds // 10**9, nanoseconds % 10**9)
+        elif form.name == "NAME":
+            values[name] = _ros1(store, detail, value or {})
+        elif form.name == "BASE":
+            values[name] = value if value is not None else "" if detail[0] == "string" else 0
+        elif detail[0][1][0] == "string":
+            values[name] = list(value or [])
+        else:
+            values[name] = np.asarray(value if value is not None else np.zeros(detail[1] or 0), dtype=np.float64)
+    return kind(**values)
+
+
+def log_of(kind: str, flight: Flight, folder: Path) -> Path:
+    named = replace(flight, effectors=("elevator", "aileron", "rudder"))
+    if kind == "flight.ulg":
+        return write_ulog(folder / kind, flight)
+    if kind == "flight.bin":
+        return write_dataflash(folder / kind, flight)
+    if kind == "ros1.bag":
+        return write_ros1(folder / kind, list(made.standard(named)))
+    sent = made.mavros(flight) if kind == "mavros" else made.standard(named)
+    return write_bag(folder / kind, sent, folder / "definitions")
+
+
+@pytest.mark.parametrize("kind", SIGNS)
+def test_a_log_of_any_kind_gives_the_flight_s_numbers_by_one_command(
+    kind: str, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_of(kind, flight, tmp_path)
+    code, out, err = run(capsys, log, "--out", tmp_path / "out", "--json", "--every", 10)
+    assert (code, err) == (0, [])
+    (summary,) = json.loads(out)
+    assert "a map made from the log's own topics" in summary["parameters"]
+    assert not [f for f in summary["findings"] if f["level"] == "wrong"]
+    assert 0.0 <= summary["start_s"] < 2.0 and summary["end_s"] < 14.0, "flight time, not epoch seconds"
+    found = {f"{k['row']}/{NAMES.get(k['column'], k['column'])}": k for k in summary["reliable"]}
+    compared = 0
+    for name, true in TRUTH.items():
+        if name in found:
+            known, sign = found[name], SIGNS[kind].get(name.split("/")[1], 1.0)
+            allowed = 4.0 * known["std"] + 0.03 * abs(true)
+            assert known["value"] * sign == pytest.approx(true, abs=allowed), (name, known)
+            compared += 1
+    assert compared >= 4, found.keys()
+
+
+def test_the_page_of_a_foreign_log_in_one_step(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_of("flight.ulg", flight, tmp_path)
+    assert report.main([str(log), "--json"]) == 0
+    summary = json.loads(capsys.readouterr().out)
+    assert Path(summary["report"]) == tmp_path / "flight_report" / "report.html"
+    assert {"trust", "model", "parameters", "flight"} <= set(summary["sections"])
+    page = Path(summary["report"]).read_text()
+    assert "Read with a map made from the log&#x27;s own topics" in page
+    assert "frames, signs and units agree with the motion" in page
+
+
+def test_inspect_says_what_is_wrong_and_suggests_a_map_that_works(
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    log = log_of("rosbag2", flight, tmp_path)
+    good, bad = tmp_path / "good.yaml", tmp_path / "bad.yaml"
+    assert inspect.main([str(log), "--suggest"]) == 0
+    text = capsys.readouterr().out
+    assert inspect.main([str(log), "--suggest", str(good)]) == 0 and good.read_text() == text
+    assert inspect.main([str(log), "--suggest", str(good)]) == 2, "never overwritten"
+    capsys.readouterr()
+    bad.write_text(text.replace("imu angular_velocity frame=flu", "imu angular_velocity"))
+    assert inspect.main([str(log), "--params", str(good), "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["wrong"] == 0
+    assert inspect.main([str(log), "--params", str(bad)]) == 1
+    assert "inputs.angular_velocity: frame=flu" in capsys.readouterr().out
+    arguments = (log, "--params", bad, "--out", tmp_path / "out", "--overwrite")
+    code, _, err = run(capsys, *arguments)
+    assert code == 2 and len(err) == 1 and "frame=flu" in err[0] and "--anyway" in err[0]
+    assert run(capsys, *arguments, "--anyway", "--every", 100)[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [("a.ulg", b"ULog\x01\x12\x35\x01", "not a log of PX4"), ("b.bin", b"\xa3\x95\x80\x00", "not a log of ArduPilot"),
+     ("c.bag", b"text", "not a bag")],
+)  # fmt: skip
+def test_what_is_no_log_gets_one_line(
+    name: str, content: bytes, said: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / name).write_bytes(content)
+    assert inspect.main([str(tmp_path / name)]) == 2
+    captured = capsys.readouterr()
+    assert captured.out == "" and captured.err.count("\n") == 1 and said in captured.err
