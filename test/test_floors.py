@@ -25,7 +25,7 @@ BELOW = {
     "control": {"estimation"},
     "flights": {"plant", "inputs", "estimation", "control"},
     "campaigns": {"flights", "fleet"},
-    "offline": {"bags", "inputs", "estimation", "flights", "report"},
+    "offline": {"bags", "inputs", "estimation", "control", "flights", "report"},
     "paper": {"flights", "report"},
     "nodes": {"inputs", "control", "plant", "bags", "flights", "offline"},
     "commands": {"nodes", "paper", "offline", "campaigns", "report", "fleet"},

@@ -45,6 +45,8 @@ class Run:
     """The dithers that answer the samples, block by block."""
     followed: list[Array]
     """The estimate that is followed after each sample, block by block; see `Identifier.follow`."""
+    signals: list[tuple[Array, Array]]
+    """Prediction errors and change statistics (k, r) of each sample, block by block; none where nothing is learnt."""
 
 
 class Identifier:
@@ -69,6 +71,7 @@ class Identifier:
         self._forces = np.array([known[s] for s in "uvw"], np.int64)
         self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
         self._law = DitherLaw(c)
+        self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
         self._regression = make_engine(c, straddle)
         self._assembly = Assembly(c, self._regression)
@@ -282,7 +285,7 @@ class Identifier:
         """
         x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (x, xdot, delta))
         self._check(time, x, xdot, delta)
-        run = Run([], [], [])
+        run = Run([], [], [], [])
         start = 0
         while start < len(time):
             due = every - self._regression.samples % every
@@ -290,6 +293,7 @@ class Identifier:
             block, followed = self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
             run.dithers.append(block)
             run.followed.append(followed)
+            run.signals.extend(self._signals)
             if self._regression.samples % every == 0 or self._events:
                 run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
@@ -304,6 +308,7 @@ class Identifier:
             The dithers that answer the samples, and the estimate that is followed after each.
         """
         count = len(time)
+        self._signals.clear()
         if not self._enabled:
             block = self._law.silence(time)
             self._dither = block.at(count - 1)
@@ -323,6 +328,7 @@ class Identifier:
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             self._events += self._supervisor.follow(now, self._regression)
         self._error = out.e[count - 1]
+        self._signals.append((out.e, out.statistic))
         known = Knowledge(out.b, out.b_variance, out.excitation, out.alarm)
         block = self._law.commands(time, known, delta)
         self._dither = block.at(count - 1)

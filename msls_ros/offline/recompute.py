@@ -17,6 +17,8 @@ from msls_ros.offline.recording import Input, Stamped, Thinned
 Array = NDArray[np.float64]
 _BLOCK = 500
 """Samples at a time: estimates are large, and only a few are kept."""
+_MODELS = 3000
+"""Models that are computed at most, for error bars cost more than the estimate."""
 _LOOK = 1000
 """Messages of one input, with none of the other between them, that show a bag of streams one after the other."""
 
@@ -82,9 +84,10 @@ def recompute(
     gate = Synchronizer.of(configuration)
     identifier = Identifier(configuration) if identify else None
     found = Recomputed({}, 0, 0)
+    every = max(1, -(-len(inputs) // (2 * _MODELS)))
     for samples in _blocks(_paired(_in_order(inputs), gate, found.examples)):
         if identifier is not None:
-            _identify(identifier, samples, found)
+            _identify(identifier, samples, found, every)
         progress(min(1.0, 2.0 * gate.paired / len(inputs)))
     found.refused, found.paired, found.restarts = dict(gate.refused), gate.paired, gate.restarts
     return found
@@ -130,16 +133,19 @@ def _blocks(samples: Iterable[PairedSample]) -> Iterator[list[PairedSample]]:
         yield block
 
 
-def _identify(identifier: Identifier, block: list[PairedSample], found: Recomputed) -> None:
+def _identify(identifier: Identifier, block: list[PairedSample], found: Recomputed, every: int) -> None:
     if block[0].restarted:
         identifier.reset()
     x, xdot, delta = (np.array([getattr(s, name) for s in block]) for name in ("x", "xdot", "delta"))
     found.samples.append((x, xdot, delta))
-    run = identifier.run(np.array([s.time for s in block]), x, xdot, delta)
+    time = np.array([s.time for s in block])
+    run = identifier.run(time, x, xdot, delta, every)
     stamps = [s.stamp for s in block]
-    for stamp, estimate in zip(stamps, run.estimates, strict=True):
-        found.signals.append((stamp, (estimate.prediction_error, estimate.statistic)))
+    errors, statistics = (np.concatenate(part) for part in zip(*run.signals, strict=True))
+    found.signals += list(zip(stamps, zip(errors, statistics, strict=True), strict=True))
+    for estimate in run.estimates:
+        stamp = stamps[int(np.searchsorted(time, estimate.time))]
         found.models.add(stamp, estimate)
-        found.events += [(stamp, event) for event in estimate.events]
+        found.events += [(stamps[int(np.searchsorted(time, e.time))], e) for e in estimate.events]
     dithers = [blocks.at(k) for blocks in run.dithers for k in range(len(blocks.delta))]
     found.dithers += list(zip(stamps, dithers, strict=True))

@@ -14,6 +14,8 @@ T = TypeVar("T")
 Stamped = list[tuple[int, T]]
 """Stamps of headers [ns] and what was stamped."""
 MODELS_KEPT = 6000
+MODELS_DECODED = 3000
+"""About so many of more models are decoded."""
 JUMP = 1_000_000_000
 """A step back in time larger than this begins a new stretch [ns]."""
 _TYPES = {
@@ -43,19 +45,21 @@ class Input(NamedTuple):
 class Thinned(Generic[T]):
     """Every so many of what comes, at most `MODELS_KEPT`, and always the last."""
 
-    def __init__(self) -> None:
-        """Hold nothing; see the class."""
-        self.stride = 1
+    def __init__(self, stride: int = 1) -> None:
+        """Hold nothing of what is every ``stride``-th already; see the class."""
+        self.stride = stride
+        self._every = 1
         self._count = 0
         self._kept: Stamped[T] = []
         self._last: tuple[int, T] | None = None
 
     def add(self, stamp: int, item: T) -> None:
         """Take the next one."""
-        if self._count % self.stride == 0:
+        if self._count % self._every == 0:
             self._kept.append((stamp, item))
             if len(self._kept) > MODELS_KEPT:
                 self._kept = self._kept[::2]
+                self._every *= 2
                 self.stride *= 2
         self._count += 1
         self._last = stamp, item
@@ -63,7 +67,7 @@ class Thinned(Generic[T]):
     @property
     def items(self) -> Stamped[T]:
         """What is held."""
-        if self._last is None or self._kept[-1] is self._last or (self._count - 1) % self.stride == 0:
+        if self._last is None or self._kept[-1] is self._last or (self._count - 1) % self._every == 0:
             return self._kept
         return [*self._kept, self._last]
 
@@ -117,6 +121,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
         for message in batch:
             streams.take(message)
         progress(reader.progress)
+    streams.finish()
     prefix = _aircraft(bag, streams, namespace, sorted(reader.topics))
     models = streams.models.get(prefix, Thinned())
     messages = {leaf: found for (own, leaf), found in streams.messages.items() if own == prefix}
@@ -139,6 +144,8 @@ class _Streams:
         self._decoders: dict[str, SampleDecoder] = {}
         self._places: dict[str, tuple[str, str] | None] = {}
         self._bad: dict[str, list[str]] = {}
+        self._expected = reader.summary.counts if reader.summary is not None else {}
+        self._skipped: dict[str, BagMessage | None] = {}
         self.counts: Counter[str] = Counter()
         self.inputs: dict[str, list[Input]] = {}
         self.messages: dict[tuple[str, str], Stamped[Any]] = {}
@@ -171,10 +178,34 @@ class _Streams:
                 inputs.append(Input(leaf, message.stamp_ns, None, str(error)))
                 raise
             return
+        if leaf == "model" and not self._is_kept(message):
+            return
+        self._decode(place, message)
+
+    def _is_kept(self, message: BagMessage) -> bool:
+        """Whether a model is one of those that can be drawn; of the others only the last is decoded."""
+        every = max(1, self._expected.get(message.topic, 0) // MODELS_DECODED)
+        kept = (self.counts[message.topic] - 1) % every == 0
+        self._skipped[message.topic] = None if kept else message
+        return kept
+
+    def finish(self) -> None:
+        """Decode the last model, if it was passed over."""
+        for topic, message in self._skipped.items():
+            place = self._places.get(topic)
+            if message is not None and place is not None:
+                try:
+                    self._decode(place, message)
+                except BagError as error:
+                    self._bad.setdefault(topic, []).append(str(error))
+
+    def _decode(self, place: tuple[str, str], message: BagMessage) -> None:
+        prefix, leaf = place
         decoded = self._reader.decode(message)
         stamp = int(decoded.header.stamp.sec) * 1_000_000_000 + int(decoded.header.stamp.nanosec)
         if leaf == "model":
-            self.models.setdefault(prefix, Thinned()).add(stamp, decoded)
+            every = max(1, self._expected.get(message.topic, 0) // MODELS_DECODED)
+            self.models.setdefault(prefix, Thinned(every)).add(stamp, decoded)
         else:
             self.messages.setdefault(place, []).append((stamp, decoded))
 

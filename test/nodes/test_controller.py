@@ -18,12 +18,15 @@ from msls_ros.control import PilotCommand as Asked
 from msls_ros.flights.closed_loop import fly as fly_without_ros
 from msls_ros.flights.closed_loop import still_air
 from msls_ros.flights.scenarios import find_scenario
+from msls_ros.flights.steering import controlled
 from msls_ros.inputs.profiles import config_folder
 from msls_ros.nodes.control_parameters import PARAMETERS, profile
 from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.flight import fly
 from msls_ros.nodes.parameters import NodeError
 from msls_ros.offline.comparison import compare
+from msls_ros.offline.recontrol import answer_again
+from msls_ros.offline.replay import load
 from msls_ros.plant import CONDITIONS, EFFECTORS, STATES, Fault
 from msls_ros.testing import Bench
 
@@ -43,6 +46,12 @@ def test_over_dds_and_without_ros_a_law_flies_the_same_to_the_last_bit(tmp_path:
     assert len(log.time) == record.samples - 1
     assert np.array_equal(np.array(log.delta), found.delta[: len(log.time)])
     assert log.statuses[-1].stuck.tolist().index(True) == 0
+    assert scenario.law.plan is not None
+    flown = dict(load(record.bag).topic("command"))
+    stamps, commands, statuses = answer_again(record.bag, controlled(TRIM, TRUTH), scenario.law.plan.settings)
+    assert len(stamps) == record.samples
+    assert all(np.array_equal(flown[stamp].delta, one) for stamp, one in zip(stamps, commands, strict=True))
+    assert [one.law for one in statuses[: len(log.statuses)]] == [one.law for one in log.statuses]
 
 
 class Hand:

@@ -1,4 +1,4 @@
-"""The access policy for SROS 2 is that of the real graph: only the identifier dithers, only the pilot commands."""
+"""The access policy for SROS 2 is that of the real graph: only the identifier dithers, only the stack commands."""
 
 from __future__ import annotations
 
@@ -18,13 +18,9 @@ def test_the_policy_is_that_of_the_real_graph(bench: Bench, tmp_path: Path) -> N
     assert policy.read(FILE) == {n: {k: v for k, v in rights.items() if v} for n, rights in found.items()}
 
 
-def test_only_the_identifier_may_dither_and_only_the_pilot_command() -> None:
+def test_only_the_identifier_may_dither_and_only_the_stack_command() -> None:
     allowed = policy.read(FILE)
-    for topic, who in {
-        "/dither": "identifier",
-        "/command": "pilot",
-        "/command_out": "mixer",
-        "/state": "plant",
-    }.items():
-        assert [name for name, rights in allowed.items() if topic in rights["topics", "publish"]] == [who]
+    stacks = {"/dither": ["identifier"], "/command": ["controller", "pilot"], "/command_out": ["mixer"]}
+    for topic, who in stacks.items():
+        assert [name for name, rights in allowed.items() if topic in rights["topics", "publish"]] == who
     assert not any(("services", "request") in rights for rights in allowed.values())

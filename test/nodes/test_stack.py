@@ -293,6 +293,14 @@ def test_a_model_that_does_not_fit_is_refused(bench: Bench, tmp_path: Path) -> N
     assert node.trigger_configure().name == "FAILURE"
 
 
+def test_the_example_of_a_warm_start_names_parameters_that_there_are(bench: Bench) -> None:
+    file = config_folder() / "examples" / "warm_start.yaml"
+    given = yaml.safe_load(file.read_text())["/**"]["ros__parameters"]
+    node = bench.add(IdentifierNode, autostart=False, **given)
+    assert given.keys() == {"model_file", "warm_start"} and given["model_file"] == given["warm_start"]
+    assert all(node.has_parameter(name) and node.get_parameter(name).value == value for name, value in given.items())
+
+
 def test_diagnostics_tell_rates_ages_times_backlog_dither_and_kernels(bench: Bench) -> None:
     source = Source(bench, dither__stale_after=60.0)
     source.send(*(SECOND + k * 20_000_000 for k in range(10)))

@@ -17,15 +17,15 @@ def models(value: Array, std: Array, reliable: Array) -> Models:
     k = len(value)
     flags = np.zeros((k, 1, 1), np.bool_)
     return Models(
-        time=np.asarray(0.1 * np.arange(k), np.float64), states=("P",), effectors=("da",), regressors=("P", "da", "1"),
+        time=0.1 * np.arange(k, dtype=np.float64), states=("P",), effectors=("da",), regressors=("P", "da", "1"),
         a=np.full((k, 1, 1), -8.0), b=value[:, None, None], a_std=np.ones((k, 1, 1)), b_std=std[:, None, None],
         a_known=np.zeros((1, 1), np.bool_), a_reliable=flags, b_reliable=reliable[:, None, None].astype(np.bool_),
         excitation=np.zeros((k, 3)), residual_std=np.ones((k, 1)),
     )  # fmt: skip
 
 
-TIME = 0.1 * np.arange(300)
-SURE = np.ones(300)
+TIME: Array = 0.1 * np.arange(300, dtype=np.float64)
+SURE: Array = np.ones(300, dtype=np.float64)
 
 
 def alarm(time: float) -> Event:
@@ -60,14 +60,14 @@ def test_what_is_no_slow_change_is_not_called_one(
 
 def test_the_best_value_stays_known_when_it_is_not_excited_any_more() -> None:
     std = np.where(TIME < 10.0, 0.5, 40.0)
-    known = gather_knowledge(models(np.full_like(TIME, 20.0), std, (TIME < 10.0).astype(float)), [])
+    known = gather_knowledge(models(20.0 + 0.0 * TIME, std, (TIME < 10.0).astype(float)), [])
     assert known.known[0, 1] and not known.now[0, 1]
     assert (known.value[0, 1], known.std[0, 1]) == (20.0, 0.5) and known.time[0, 1] < 10.0
     assert known.well == 1 and known.free.sum() == 2
 
 
 def test_what_was_known_before_an_alarm_or_is_contradicted_is_not_known() -> None:
-    one = models(np.full_like(TIME, 20.0), 0.5 * SURE, (TIME < 10.0).astype(float))
+    one = models(20.0 + 0.0 * TIME, 0.5 * SURE, (TIME < 10.0).astype(float))
     assert not gather_knowledge(one, [alarm(12.0)]).known.any()
     value = np.where(TIME < 10.0, 20.0, 5.0)
     assert not gather_knowledge(replace(one, b=value[:, None, None]), []).known.any()
