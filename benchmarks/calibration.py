@@ -98,7 +98,9 @@ def count(
     c = configuration
     kept = [c.states.index(s) for s in c.rows]
     still = find_quiet(flight)
-    totals = {m: {phase: [0, 0, np.zeros(len(BINS) - 1, np.int64)] for phase in PHASES} for m in "AB"}
+    totals: dict[str, dict[str, list[Any]]] = {
+        m: {phase: [0, 0, np.zeros(len(BINS) - 1, np.int64)] for phase in PHASES} for m in "AB"
+    }
     times = [[time for time, equations in alarms if row in equations] for row in c.rows]
     for estimate in estimates:
         t = estimate.time

@@ -1,4 +1,4 @@
-"""Whether the right effector was named, and the share that is left of its effect right within its error."""
+"""Whether the right effector or surface was named, and the share that is left of its effect right within its error."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.estimation.estimate import EventKind
+from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.flights.closed_loop import FlightLog
 from msls_ros.flights.judging import TICK
 from msls_ros.flights.scenarios import Scenario
@@ -29,13 +29,19 @@ def judge_names(scenario: Scenario, log: FlightLog) -> dict[str, Any]:
         What the flight left behind.
     """
     effectors = list(scenario.airframe.effectors)
-    named = [e for e in log.events if e.kind == EventKind.ISOLATED and e.suspected_effector in effectors]
+    names = {*effectors, *scenario.airframe.surface_names}
+    named = [e for e in log.events if e.kind == EventKind.ISOLATED and e.suspected_effector in names]
     found: dict[str, Any] = {"rightly": 0, "wrongly": 0, "not": 0, "z": []}
     used: set[int] = set()
     for start, end in scenario.fault_spans:
         own = [k for k, e in enumerate(named) if start + TICK < e.time <= end + _WITHIN and k not in used]
         used |= set(own)
-        shares = {k: _share(log, named[k], effectors, start, end) for k in own}
+        shares = {
+            k: _share(log, named[k], effectors, start, end)
+            if named[k].suspected_effector in effectors
+            else _surface_share(scenario, named[k])
+            for k in own
+        }
         right = [k for k, share in shares.items() if share is not None and abs(share - 1.0) > _CHANGED]
         found["rightly" if right else "wrongly" if own else "not"] += 1
         for k in right:
@@ -44,6 +50,12 @@ def judge_names(scenario: Scenario, log: FlightLog) -> dict[str, Any]:
                 found["z"].append(round((named[k].effectiveness - float(shares[k] or 0.0)) / error, 4))
     found["wrongly"] += sum(k not in used for k in range(len(named)))
     return found
+
+
+def _surface_share(scenario: Scenario, event: FaultEvent) -> float:
+    """Return what is truly left of the named surface's effect."""
+    struck = [fault for fault in scenario.faults if event.suspected_effector in fault.surfaces]
+    return next((fault.effectiveness for fault in reversed(struck) if fault.time <= event.time), 1.0)
 
 
 def _share(log: FlightLog, event: Any, effectors: list[str], start: float, end: float) -> float | None:

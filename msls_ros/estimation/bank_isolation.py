@@ -33,6 +33,8 @@ APART = 9.0
 """By how much the right surface explains more than the next."""
 KNOWN = 0.25
 """Largest relative error of the old effect of what is named."""
+UNCERTAIN = 0.15
+"""Largest standard error of what is said to be left."""
 MOVES = 2.0
 """Standard errors by which what is left may move while a name is held."""
 
@@ -120,7 +122,7 @@ def find_name(found: Sequence[Evidence], surfaces: Sequence[Surface], limits: Is
     known = sum(e.known[best] * e.information[best] for e in found if e.information[best] > 0.0) / information
     error = math.sqrt(1.0 / information + change * change * known)
     left = 1.0 + change
-    certain = known <= KNOWN * KNOWN and abs(change) >= limits.significance * error and error <= limits.largest_error
+    certain = known <= KNOWN * KNOWN and abs(change) >= limits.significance * error and error <= UNCERTAIN
     if not certain or not PLAUSIBLE[0] <= left <= PLAUSIBLE[1] or abs(change) <= UNCHANGED:
         return None
     return Name(surfaces[best].name, abs(change) / error, left, error)

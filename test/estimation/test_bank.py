@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "28627981cc3ce251de767ee310bb8f98"
+PINNED = "7bfb63170165bf6b19cc84f7d1f2ed47"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

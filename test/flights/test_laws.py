@@ -114,7 +114,7 @@ condition: high_alpha
 manoeuvre: roll_doublet
 duration: 5.0
 law: auto
-identifier: {profile: f16_high_alpha}
+identifier: {profile: f16}
 """
 
 

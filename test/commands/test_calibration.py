@@ -1,0 +1,84 @@
+"""The benchmark of error bars: what it counts is what it says."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks import calibration
+from benchmarks.calibration_beds import Recorded, flight_test_beds, mapped
+
+
+def recorded(n: int = 400, rate: float = 50.0) -> Recorded:
+    """A flight that turns in its first half and is quiet in its second."""
+    time = np.arange(n) / rate
+    x = np.zeros((n, 9))
+    x[:, 0] = 100.0
+    x[: n // 2, 3] = 0.1 * np.sin(4.0 * time[: n // 2])
+    x[:, 6] = np.cumsum(x[:, 3]) / rate
+    xdot = np.diff(x, axis=0, append=x[-1:]) * rate
+    truth = np.arange(0.0, time[-1], 0.2)
+    return Recorded(time, x, xdot, np.zeros((n, 3)), truth, np.zeros((len(truth), 9, 9)), np.ones((len(truth), 9, 3)))
+
+
+@pytest.mark.parametrize(
+    ("since", "time", "alarms", "still", "phase"),
+    [
+        (0.5, 0.5, [], True, "first second"),
+        (2.0, 2.0, [], False, "1-4 s"),
+        (9.0, 9.0, [8.5], True, "1 s after"),
+        (9.0, 9.0, [3.0, 6.0], True, "1-4 s after"),
+        (9.0, 9.0, [1.0], True, "quiet"),
+        (9.0, 9.0, [9.5], False, "manoeuvre"),
+    ],
+)
+def test_a_time_belongs_to_one_phase(since: float, time: float, alarms: list[float], still: bool, phase: str) -> None:
+    assert calibration.phase_of(since, time, alarms, still) == phase
+
+
+def test_quiet_is_where_no_rate_has_moved_for_a_second() -> None:
+    still = calibration.find_quiet(recorded())
+    assert not still[20:200].any() and not still[210] and still[260:].all()
+
+
+def test_coverage_and_median_are_those_of_normal_errors() -> None:
+    z = np.abs(np.random.default_rng(0).standard_normal(100_000))
+    counts = np.histogram(z, calibration.BINS)[0].tolist()
+    found = calibration.phase_numbers([[400_000, 100_000, counts], [0, 0, [0] * len(counts)]])
+    assert found["share"] == 0.25
+    assert found["coverage"] == pytest.approx(0.95, abs=0.005)
+    assert found["median_z"] == pytest.approx(0.675, abs=0.02)
+    assert calibration.phase_numbers([[10, 0, [0] * len(counts)]])["coverage"] is None
+
+
+def test_through_mapped_inputs_rates_are_differentiated_and_all_else_keeps_their_time() -> None:
+    flight = recorded()
+    time, x, xdot, _ = mapped(flight)
+    assert len(time) == len(flight.time) - 4
+    assert time[0] == pytest.approx(flight.time[2])
+    assert xdot[100, 3] == pytest.approx(0.4 * np.cos(4.0 * time[100]), abs=0.02)
+    assert x[100, 3] == pytest.approx(0.1 * np.sin(4.0 * time[100]), abs=0.001)
+
+
+def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bed = next(flight_test_beds(("A4",), (25,), ("loss",)))
+    flown: list[int] = []
+
+    def fly(bed: Any, seed: int, folder: Any) -> Recorded:
+        flown.append(seed)
+        return recorded(n=100, rate=25.0)
+
+    monkeypatch.setattr(calibration, "beds", lambda quick: [bed])
+    monkeypatch.setattr(calibration, "record", fly)
+    calibration.measure([1], False, tmp_path, lambda text: None)
+    result = calibration.measure([1, 2], False, tmp_path, lambda text: None)
+    assert flown == [1, 2]
+    (direct, through) = json.loads(json.dumps(result))["table"].values()
+    assert direct["flights"] == through["flights"] == 2
+    assert direct["broken"] == direct["silent"] == 2
+    assert "flight test, mapped: 2 flights" in calibration.render(result)
