@@ -69,7 +69,7 @@ RUN_BY = {
     "./msls campaign roll_doublet_tail_fault docs/examples/my_flight.yaml --seeds 20 --noise none,low --jobs 2": (
         f"{CAMPAIGN}::test_two_jobs_give_the_same_table_as_one"
     ),
-    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare lambda=0.9,0.96 --compare penalty=3e-4,1e-3": (
+    "./msls campaign roll_doublet_tail_fault --seeds 10 --compare estimator.method=bank,msls": (
         f"{CAMPAIGN}::test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda"
     ),
     "./msls demo --scenario nozzle_hard_over --law auto": "test/commands/test_demo.py"
