@@ -334,6 +334,7 @@ def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() 
             "false_alarms": 0,
             "exposed_s": 90.0,
             "coverage": {"a": part, "b": {"share": None, "number": 0, "of": 40}},
+            "named": {"rightly": 1, "wrongly": 0, "not": 0, "z": [0.5]},
             "reliable_share_before": 0.5,
             "dither_predicted_g_max": 0.012,
             "finite": True,
