@@ -62,6 +62,19 @@ LAWS: Mapping[str, Law] = {
 }
 
 
+MSLS: Mapping[str, Mapping[str, Any]] = {
+    "none": {"estimator.penalty": 3e-4},
+    "low": {"estimator.forgetting_factor": 0.96, "estimator.penalty": 9e-4, "recovery.penalty_factor": 0.3},
+    "med": {
+        "estimator.penalty": 1e-2,
+        "detector.mode": "ratio",
+        "detector.window": 50,
+        "detector.threshold": 3.5,
+    },
+}
+"""What MSLS and RLS fly with, by noise; the bank flies the profile as it is."""
+
+
 @dataclass(frozen=True)
 class Case:
     """One flight."""
@@ -119,7 +132,9 @@ def _case(suite: str, scenario: Scenario, law: str, noise: str, seed: int) -> Ca
     if suite == "latency":
         flight = replace(flight, latency=2)
     configuration = scenario.configuration(noise, seed, dither=suite != "no_dither")
-    return Case(scenario, law, noise, seed, flight, configuration.replace({"estimator.method": one.method}))
+    changes = {} if one.method == "bank" else MSLS[noise]
+    changes = {**changes, "estimator.method": one.method}
+    return Case(scenario, law, noise, seed, flight, configuration.replace(changes))
 
 
 def flown(case: Case) -> dict[str, Any]:

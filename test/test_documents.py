@@ -72,6 +72,11 @@ RUN_BY = {
     "./msls campaign roll_doublet_tail_fault --seeds 10 --compare estimator.method=bank,msls": (
         f"{CAMPAIGN}::test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda"
     ),
+    "./msls demo --scenario nozzle_hard_over --law auto": "test/commands/test_demo.py"
+    "::test_a_law_is_flown_beside_the_fixed_one_drawn_and_told",
+    "./msls campaign nozzle_hard_over --seeds 10 --compare law=fixed,indi,auto": (
+        f"{CAMPAIGN}::test_laws_are_compared_by_flights_kept_and_tracking"
+    ),
     "./msls paper": "test/paper/test_command.py::test_json_is_one_object_with_the_table_the_claims_and_the_figures",
     "./msls benchmark kernel": f"{BENCHMARK}::test_kernel_prints_one_json_value_with_every_contender",
     "./msls benchmark stress": f"{BENCHMARK}::test_both_tables_name_what_is_missing",

@@ -177,7 +177,7 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
     watch = scenario.watch
     watched, dither = s[watch.symbol], s["dither"]
     lines = [f"{scenario.description}", f"sensor noise {s['noise']}, seed {s['seed']}, {s['samples']} samples", ""]
-    lines += [*(textwrap.fill(sentence, 110) for sentence in s["verdict"]), ""]
+    lines += [*(textwrap.fill(sentence, 98) for sentence in s["verdict"]), ""]
     for (start, end), found in zip(scenario.fault_spans, s["detections"], strict=True):
         seen = "NOT detected"
         if found["time_s"] is not None:

@@ -66,6 +66,7 @@ def recompute(
     configuration: Configuration,
     *,
     identify: bool,
+    straddle: int = 0,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Recomputed:
     """Put a bag's inputs through the gate, and through the identifier.
@@ -78,11 +79,13 @@ def recompute(
         Of the identifier.
     identify
         False: the gate alone.
+    straddle
+        Samples over which the inputs were smoothed; as `Identifier`.
     progress
         Called with the share that is done.
     """
     gate = Synchronizer.of(configuration)
-    identifier = Identifier(configuration) if identify else None
+    identifier = Identifier(configuration, straddle) if identify else None
     found = Recomputed({}, 0, 0)
     every = max(1, -(-len(inputs) // (2 * _MODELS)))
     for samples in _blocks(_paired(_in_order(inputs), gate, found.examples)):

@@ -92,6 +92,8 @@ class Recording:
     refused: dict[str, int] = field(default_factory=dict)
     examples: dict[str, str] = field(default_factory=dict)
     """Of a log that is read through a map: what the map's reader refused, by reason, and the first of each."""
+    straddle: int = 0
+    """Samples over which a state of such a log was smoothed; as `Identifier` takes it."""
 
     def samples(self, leaf: str) -> Stamped[Sample]:
         """Return the samples of a topic that can be decoded."""

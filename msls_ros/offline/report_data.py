@@ -134,7 +134,9 @@ class _Gathering:
         names = [tuple(self.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
         configuration = self.configuration or fitting(names[0], names[1])
         identify = self.configuration is not None
-        found = recompute(self.record.inputs, configuration, identify=identify, progress=progress)
+        found = recompute(
+            self.record.inputs, configuration, identify=identify, straddle=self.record.straddle, progress=progress
+        )
         if not found.paired:
             self.warnings.append("no sample passed the input checks: see the refusals")
         return found

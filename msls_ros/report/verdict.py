@@ -69,7 +69,7 @@ def _alarm(alarm: Event, named: Sequence[Event]) -> str:
         where = listed(derivative(name) for name in alarm.equations)
         return f"Abrupt change of {where} at {alarm.time:.2f} s, no effector named"
     left = listed(
-        f"{e.effector} {100.0 * e.effectiveness:.0f} ± {100.0 * e.effectiveness_std:.0f} %"
+        f"{e.effector} {100.0 * e.effectiveness:.0f} ± {number(100.0 * e.effectiveness_std, 1)} %"
         for e in {e.effector: e for e in named}.values()
     )
     after = named[0].time - alarm.time

@@ -148,7 +148,9 @@ condition: high_alpha
 manoeuvre: roll_doublet
 duration: 5.0
 faults: [{effector: nozzle_pitch, time: 1.5, effectiveness: 0.0, bias: -0.087}]
-identifier: {profile: f16}
+identifier:
+  profile: f16
+  parameters: {estimator.method: msls, estimator.forgetting_factor: 0.96, estimator.penalty: 9.0e-4}
 """
 
 

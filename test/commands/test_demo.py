@@ -217,7 +217,9 @@ def test_the_table_for_people_is_short(tmp_path: Path, capfd: pytest.CaptureFixt
     assert code == 0
     lines = out.splitlines()
     assert len(lines) < 25
-    assert max(map(len, lines[:-1])) <= 100
+    assert max(map(len, lines[:-2])) <= 100
+    assert lines[-2].startswith("page") and Path(lines[-2].split(maxsplit=1)[1]).is_file()
+    assert "numbers known to better than 10 %" in out
     assert lines[-1].endswith("bag/, summary.json, b43.png, states.png, dither.png")
     assert "false alarms          0" in lines
 
