@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -40,9 +41,10 @@ def new_multiples(number: int, title: str) -> tuple[Figure, list[Axes]]:
     rows = -(-number // 3)
     figure = Figure(figsize=(10.0, 0.7 + 1.45 * rows), layout="constrained", dpi=120)
     axes = list(figure.subplots(rows, 3, sharex=True, squeeze=False).ravel())
-    figure.suptitle(title, fontsize=10)
-    for axis in axes[-3:]:
+    figure.suptitle(textwrap.fill(title, 110), fontsize=10)
+    for axis in axes[number - 3 : number]:  # the lowest of each column
         axis.set_xlabel("time [s]")
+        axis.tick_params(labelbottom=True)
     for axis in axes:
         axis.grid(alpha=0.3)
         axis.tick_params(labelsize=8)
@@ -60,6 +62,11 @@ def mark_events(axes: Sequence[Axes], faults: Sequence[tuple[float, float]], ala
                 axis.axvspan(start, end, color="0.4", alpha=0.08, linewidth=0)
         for i, alarm in enumerate(alarms):
             axis.axvline(alarm, color="#CC79A7", linewidth=1.0, label="alarm" if i == 0 else None)
+
+
+def _about(name: str, values: Array) -> tuple[str, Array]:
+    """Return a panel of an angle about its first value [rad]."""
+    return f"{name} [deg] about {round(float(np.degrees(values[0])), 1) + 0.0:.1f}", values - values[0]
 
 
 def plot_parameter(
@@ -140,16 +147,17 @@ def plot_states(
     title
         Of the figure.
     """
-    start = f"angle of attack - {np.degrees(alpha[0]):.1f}"
-    panels = [(start, alpha - alpha[0]), ("sideslip", beta)]
+    panels = [_about("angle of attack", alpha), ("sideslip [deg]", beta)]
     panels += [(f"{name} [deg/s]", x[:, 3 + i]) for i, name in enumerate("PQR")]
-    panels += [("bank Φ", x[:, 6]), (f"pitch Θ - {np.degrees(x[0, 7]):.1f}", x[:, 7] - x[0, 7])]
-    panels += [(f"{name} - {np.degrees(delta[0, j]):.1f}", delta[:, j] - delta[0, j]) for j, name in enumerate(names)]
-    figure, axes = new_multiples(len(panels), f"{title}; [deg] from the first value, if not said otherwise")
+    panels += [("bank Φ [deg]", x[:, 6]), _about("pitch Θ", x[:, 7])]
+    panels += [_about(name, delta[:, j]) for j, name in enumerate(names)]
+    figure, axes = new_multiples(len(panels), title)
     for axis, (name, values) in zip(axes, panels, strict=False):
         axis.plot(time, np.degrees(values), linewidth=0.9, color=OURS)
         axis.set_title(name, fontsize=9, loc="left")
     mark_events(axes[: len(panels)], faults, alarms)
+    if faults or alarms:
+        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower right", ncols=2, fontsize=8)
     figure.savefig(path)
 
 
