@@ -18,6 +18,8 @@ class Spread:
 
     def __str__(self) -> str:
         """Write it for people: median (range)."""
+        if self.low == self.high:
+            return f"{self.median:.3g}"
         return f"{self.median:.3g} ({self.low:.3g}-{self.high:.3g})"
 
 

@@ -301,8 +301,9 @@ def render_rows(rows: list[Row]) -> str:
         found = list(group)
         lines.append(f"{condition} ({found[0].flights} flight{'s' if found[0].flights > 1 else ''})")
         for one in found:
-            label = f"{one.quantity} [{one.unit}]"
-            cells = [f" {value or ''!s:>20}" for value in (one.msls, one.msls_no_detection, one.rls, one.bank)]
-            lines.append(f"  {label:42}{''.join(cells)}  {(one.better or '').upper()}".rstrip())
+            line = f"  {one.quantity} [{one.unit}]"
+            for i, value in enumerate((one.msls, one.msls_no_detection, one.rls, one.bank)):
+                line += f" {value or ''!s}".rjust(44 + 21 * (i + 1) - len(line))
+            lines.append(f"{line}  {(one.better or '').upper()}".rstrip())
     head = "".join(f" {name:>20}" for name in ("MSLS", "without detection", "RLS", "bank"))
     return "\n".join([f"{'median (range)':44}{head}  better", *lines])

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Regression, make_settings
+from msls_ros.estimation.soundness import SOUND
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -259,7 +260,7 @@ def coverage(seeds: int, samples: int = 400) -> float:
 
 
 def unexcited_samples(samples: int, **changes: Any) -> int:
-    """Run experiment I, then hold the regressors still; return after how many samples the state is no longer finite.
+    """Run experiment I, then hold the regressors still; return after how many samples the estimate is lost.
 
     Parameters
     ----------
@@ -271,7 +272,8 @@ def unexcited_samples(samples: int, **changes: Any) -> int:
     Returns
     -------
     int
-        The first sample with a number that is not finite, to 1 in 100; ``samples`` if all are finite.
+        The first sample, to 1 in 100, at which the numbers leave the range of what can be computed and the engine
+        begins anew; ``samples`` if there is none.
     """
     engine = Regression(make_settings(2, 1, **changes), 1)
     problem = make_problem(0, history_one())
@@ -280,9 +282,13 @@ def unexcited_samples(samples: int, **changes: Any) -> int:
     chunk = max(samples // 100, 1)
     for start in range(0, samples, chunk):
         phi = np.full((chunk, 2), 1.0 if start < samples // 2 else 0.0)
-        engine.advance(phi, 100.0 * phi.sum(axis=1, keepdims=True) + math.sqrt(0.1) * generator.normal(size=(chunk, 1)))
-        if not (np.isfinite(engine.theta).all() and np.isfinite(engine.state.R).all()):
-            return start
+        y = 100.0 * phi.sum(axis=1, keepdims=True) + math.sqrt(0.1) * generator.normal(size=(chunk, 1))
+        done = 0
+        while done < chunk:
+            taken, out = engine.advance(phi[done:], y[done:])
+            done += taken
+            if out.restart[taken - 1] != SOUND:
+                return start
     return samples
 
 

@@ -76,11 +76,14 @@ def test_an_output_that_exists_is_replaced_only_when_asked_and_never_the_input(
 def test_interrupted_the_command_says_so_and_leaves_a_whole_bag(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    original = SampleSource.segments
+    original, seen = SampleSource.segments, 0
 
     def interrupted(self: SampleSource, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
-        yield from original(self, batch[:400])
-        raise KeyboardInterrupt
+        nonlocal seen
+        yield from original(self, batch)
+        seen += len(batch)
+        if seen >= 400:
+            raise KeyboardInterrupt
 
     monkeypatch.setattr(SampleSource, "segments", interrupted)
     code, _, err = run(capsys, BAGS / "tail_fault", "--out", tmp_path / "out")

@@ -22,6 +22,7 @@ NAMES = {"de": "elevator", "da": "aileron", "dr": "rudder"}
 P, DDT = 3, 2
 WELL_KNOWN = {
     "estimator.method": "msls",
+    "estimator.forgetting_factor": 0.99,
     "reliability.relative_error": 0.05,
     "reliability.confounding_states": 0.0,
     "reliability.confounding_effectors": 0.0,

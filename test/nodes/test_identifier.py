@@ -351,7 +351,7 @@ def test_a_wrong_value_in_flight_is_refused_with_a_reason(fed: Feeder, name: str
 
 
 def test_a_parameter_that_may_change_in_flight_does(bench: Bench) -> None:
-    feeder = Feeder(bench)
+    feeder = Feeder(bench, estimator__method="msls")
     feeder.feed(5)
     assert feeder.model[-1].forgetting_factor[0] == 0.9
     assert set_parameter(bench, "estimator.forgetting_factor", 0.95).successful
