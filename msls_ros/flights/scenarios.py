@@ -181,7 +181,9 @@ def shipped() -> dict[str, Scenario]:
 
 def listing() -> str:
     """Return a line for each scenario that ships, for --help."""
-    return "\n".join(f"  {one.name:<26}{one.description}" for one in shipped().values())
+    found = shipped()
+    width = max(len(name) for name in found)
+    return "\n".join(f"  {name:<{width}}  {one.description}" for name, one in found.items())
 
 
 def find_scenario(name: str | os.PathLike[str]) -> Scenario:
