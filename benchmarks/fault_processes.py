@@ -29,8 +29,8 @@ from msls_ros.testing import Bench
 
 VICTIMS = ("identifier", "plant", "recorder", "mixer")
 STALE_AFTER = 0.1
-SETTLED = 0.5
-"""After which the last dither of a dead identifier is certainly stale, on a machine that has more to do [s]."""
+SEVERAL = 20
+"""Commands that are looked at once the last dither of a dead identifier is stale, by the stamps of both."""
 ON_DISK = 1.0
 """What was sent so long before a kill is on disk [s]."""
 LIMIT = 120.0
@@ -146,14 +146,16 @@ def after_identifier(fleet: Fleet) -> int:
         return any(asked.get(messages.stamp_of(m), m.delta) != m.delta for _, m in fleet.seen["command_out"][begun:])
 
     fleet.wait(mixed, "dither in the commands")
-    killed = fleet.kill("identifier")
-    fleet.wait(lambda: time.monotonic() > killed + SETTLED + 0.3, "end of a pause")
-    asked = {messages.stamp_of(m): m.delta for t, m in fleet.seen["command"] if t > killed}
-    late = [m for t, m in fleet.seen["command_out"] if t > killed + SETTLED]
-    wrong = sum(asked.get(messages.stamp_of(m), m.delta) != m.delta for m in late)
+    fleet.kill("identifier")
+    fleet.await_new("command", "command_out")
+    stale = messages.stamp_of(fleet.seen["dither"][-1][1]) + round(1e9 * STALE_AFTER)
+    late = lambda topic: [m for _, m in fleet.seen[topic] if messages.stamp_of(m) > stale]  # noqa: E731
+    fleet.wait(lambda: min(len(late("command")), len(late("command_out"))) > SEVERAL, "commands without dither")
+    asked = {messages.stamp_of(m): m.delta for m in late("command")}
+    wrong = sum(asked.get(messages.stamp_of(m), m.delta) != m.delta for m in late("command_out"))
     fleet.start("identifier")
     fleet.await_new("model")
-    return int(wrong) + (not late)
+    return wrong
 
 
 def after_plant(fleet: Fleet) -> int:

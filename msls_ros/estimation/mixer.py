@@ -154,8 +154,8 @@ class Mixer:
             return Mixed(command, False, reason)
         low, high = self._low, self._high
         if before is not None:
-            reach = self._rate * max(now - before[0], 0.0)
-            reach[np.isnan(reach)] = math.inf
+            reach = np.full(self._count, math.inf)  # where there is no limit: infinite times no time is not a number
+            np.multiply(self._rate, max(now - before[0], 0.0), out=reach, where=np.isfinite(self._rate))
             low, high = np.maximum(low, before[1] - reach), np.minimum(high, before[1] + reach)
         output = np.minimum(np.maximum(command + self._dither, np.minimum(command, low)), np.maximum(command, high))
         self._last = now, output

@@ -29,6 +29,8 @@ from msls_ros.nodes.quality import listen, overriding, publish, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
 
 OWN = "msls_msgs/msg/EffectorCommand"
+SAME_EPOCH = 10_000_000_000
+"""Stamps of commands and dithers that are nearer than this are of one clock, and are compared [ns]."""
 PARAMETERS = {
     "effectors": fixed(list(Configuration().effectors), "names of the dither, in the order of all lists below"),
     "command_type": fixed(OWN, "type of the stack's commands, and of what is published"),
@@ -78,7 +80,8 @@ class MixerNode(Node):
         self._paths = [FieldPath(text) for text in texts]
         self._dither = NamedVector("dither", names)
         self._refusals = Refusals(self)
-        self._freshness, self._newest = Freshness(), 0
+        self._freshness, self._newest, self._stamp = Freshness(), 0, 0
+        self._stale_after = round(p["stale_after"] * 1e9)
         self._steady: Callable[[], int] = time.monotonic_ns
         self.passed = self.mixed = 0
         """Commands passed on as they came, and with dither."""
@@ -93,7 +96,8 @@ class MixerNode(Node):
 
     def _on_dither(self, message: DitherCommand) -> None:
         """Keep a dither until the next comes, or it is too old."""
-        stamp, now = messages.stamp_of(message), self._steady()
+        self._stamp, now = messages.stamp_of(message), self._steady()
+        stamp = self._stamp
         self._newest = max(self._newest, stamp) if stamp > self._newest - 1_000_000_000 else stamp
         try:
             (delta,) = self._dither.arrange(message.effectors, delta=message.delta)
@@ -124,6 +128,7 @@ class MixerNode(Node):
     def _with_dither(self, data: bytes) -> Any:
         """Return the command with dither; None: as it came."""
         message = deserialize_message(data, self._kind)
+        self._drop_before(message)
         command = np.array([float(path.read(message)) for path in self._paths])
         output, mixed, self._reason = self._mixer.mix(self._steady() * 1e-9, command)
         if not mixed:
@@ -132,6 +137,14 @@ class MixerNode(Node):
             if after != before:
                 path.write(message, after)
         return message
+
+    def _drop_before(self, command: Any) -> None:
+        """Drop a dither that is stale by the command's own stamp, however late this node itself runs."""
+        if not hasattr(command, "header") or not self._stamp:
+            return
+        age = messages.stamp_of(command) - self._stamp
+        if self._stale_after < age < SAME_EPOCH:
+            self._mixer.drop(f"the dither is {age * 1e-9:.2f} s older than the command, by their stamps")
 
     def _on_enable(self, request: SetBool.Request, response: SetBool.Response) -> SetBool.Response:
         self._mixer.enabled = request.data

@@ -89,6 +89,15 @@ def test_commands_of_any_type_go_through_with_dither_and_without(bench: Bench, k
     assert flow.through(as_it_came) == as_it_came, "stale"
 
 
+@pytest.mark.parametrize(("ahead", "mixed"), [(90, True), (110, False), (3_000, False), (1_000_000, True), (-50, True)])
+def test_a_dither_that_is_stale_by_the_commands_own_stamp_is_not_added(bench: Bench, ahead: int, mixed: bool) -> None:
+    flow = Flow(bench, "msls_msgs/msg/EffectorCommand")  # a mixer that runs late finds both in its queues at once
+    stamp = 100 * SECOND + ahead * 1_000_000
+    flow.dither([0.01, 0.02], header=messages.command_message(100 * SECOND, NAMES, np.zeros(2)).header)
+    command = serialize_message(messages.command_message(stamp, NAMES, np.array([0.1, 0.2])))
+    assert (flow.through(command) != command) == mixed
+
+
 UNSAFE: dict[str, dict[str, Any]] = {
     "inhibited": {"delta": [0.0, 0.0], "level": Level.INHIBITED},
     "not finite": {"delta": [0.01, float("nan")]},
