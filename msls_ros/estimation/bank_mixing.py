@@ -17,6 +17,10 @@ logarithmic pool of normal opinions)::
 
     theta_i = sum W_m I_mi theta_mi / sum W_m I_mi,     I_mi = 1/((R_m'R_m)^-1)_ii
 
+The constants of the members belong to their own coefficients: a mean of them, zero regressors away from where the
+aircraft flies, belongs to none. So what is mixed is the prediction for the regressor of now, by the shares alone, and
+the constant follows from it: ``theta_0 = sum W_m phi'theta_m - sum_{i>0} theta_i phi_i``.
+
 References
 ----------
 Dawid, "Statistical theory: the prequential approach", J. R. Stat. Soc. A 147 (1984). Burman, Chow and Nolan, "A
@@ -132,8 +136,8 @@ def find_sharpest(x: BankState, q: int) -> None:
 
 
 @compiled
-def mix(x: BankState, q: int, products: Array) -> None:
-    """Mix the members of row q into its estimate, per coefficient.
+def mix(x: BankState, q: int, y: float, phi: Array, products: Array) -> None:
+    """Mix the members of row q into its estimate, per coefficient, and the constant where the aircraft is now.
 
     Parameters
     ----------
@@ -141,6 +145,8 @@ def mix(x: BankState, q: int, products: Array) -> None:
         State.
     q
         Row.
+    y, phi
+        Its output, and (p,) regressor, constant first, of the sample that the members have taken.
     products
         (m,) scratch.
     """
@@ -157,6 +163,13 @@ def mix(x: BankState, q: int, products: Array) -> None:
             products[m] *= theta[m]
         x.mixed[q, i] = sum_members(products) / total
         x.known[q, i] = total
+    deviation = x.deviation[x.group[q]]
+    for m in range(members):
+        products[m] = weight[m] * (y - x.errors[q, m] * deviation[m] * deviation[m])
+    constant = sum_members(products)
+    for i in range(1, p):
+        constant -= x.mixed[q, i] * phi[i]
+    x.mixed[q, 0] = constant
     for i in range(p - 1):
         x.theta[q, i] = x.mixed[q, i + 1]
     x.theta[q, p - 1] = x.mixed[q, 0]

@@ -90,7 +90,7 @@ def advance_bank(
                 weigh(s, x, q, work.e)
             if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
                 find_sharpest(x, q)
-            mix(x, q, work.e)
+            mix(x, q, y[n, q], work.phi, work.e)
             if (x.samples[0] + q) % KEEP == 0:
                 keep_best(s, x, q, noise[n], work.e, work.w, work.squares)
         keep_reference(s, x)
