@@ -152,7 +152,7 @@ def after_identifier(fleet: Fleet) -> int:
     late = lambda topic: [m for _, m in fleet.seen[topic] if messages.stamp_of(m) > stale]  # noqa: E731
     fleet.wait(lambda: min(len(late("command")), len(late("command_out"))) > SEVERAL, "commands without dither")
     asked = {messages.stamp_of(m): m.delta for m in late("command")}
-    wrong = sum(asked.get(messages.stamp_of(m), m.delta) != m.delta for m in late("command_out"))
+    wrong: int = sum(asked.get(messages.stamp_of(m), m.delta) != m.delta for m in late("command_out"))
     fleet.start("identifier")
     fleet.await_new("model")
     return wrong

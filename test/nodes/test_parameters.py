@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 from msls_msgs.msg import DitherCommand, LinearModel
-from nodes.made_up import linear_samples
-from rcl_interfaces.srv import GetParameters, SetParameters
+from nodes.made_up import Clockwork, linear_samples
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -43,6 +43,8 @@ WORDS = {
     "fields": ["delta["],
 }
 """Free words that mean nothing, of parameters without choices."""
+TOGETHER = {"dither.position_low": [-0.5] * len(EFFECTORS), "dither.position_high": [0.5] * len(EFFECTORS)}
+"""Given both or none."""
 STEP = 20_000_000
 
 
@@ -133,9 +135,18 @@ def other_value(name: str) -> Any:
     raise AssertionError(f"no list of halves is right for {name}")
 
 
+def changes(name: str) -> dict[str, Any]:
+    """Return what a live parameter is changed to, with what must change along with it."""
+    if name in TOGETHER:
+        return TOGETHER
+    return {name: other_value(name)}
+
+
+
 def test_a_live_parameter_counts_from_the_next_sample_on(bench: Bench) -> None:
     x, xdot, delta = linear_samples(len(LIVE) + 30)
     node = bench.add(identifier.IdentifierNode)
+    node._steady = Clockwork()
     models, dithers = bench.listen(LinearModel, "model"), bench.listen(DitherCommand, "dither")
     twin = Identifier(Configuration())
 
@@ -156,10 +167,11 @@ def test_a_live_parameter_counts_from_the_next_sample_on(bench: Bench) -> None:
     for k in range(30):
         fly(k)
     for k, name in enumerate(LIVE, start=30):
-        value = other_value(name)
-        result = set_to(bench, "identifier", name, value)
-        assert result.successful, (name, value, result.reason)
-        twin.configure({name: value})
+        given = changes(name)
+        request = [Parameter(n, value=v).to_parameter_msg() for n, v in given.items()]
+        result = bench.call(SetParametersAtomically, "identifier/set_parameters_atomically", parameters=request).result
+        assert result.successful, (given, result.reason)
+        twin.configure(given)
         fly(k)
     assert node._identifier is not None
     assert node._identifier.parameters == twin.parameters
