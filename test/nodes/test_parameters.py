@@ -142,7 +142,6 @@ def changes(name: str) -> dict[str, Any]:
     return {name: other_value(name)}
 
 
-
 def test_a_live_parameter_counts_from_the_next_sample_on(bench: Bench) -> None:
     x, xdot, delta = linear_samples(len(LIVE) + 30)
     node = bench.add(identifier.IdentifierNode)
