@@ -2,33 +2,24 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
-from ament_index_python.packages import get_package_share_directory
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch_ros.actions import Node
 
 from launch import LaunchDescription
+from msls_ros.nodes import launching
 
 ARGUMENTS = {
-    "namespace": ("", "of all nodes and topics; with one, the clock is the namespace's own, NAMESPACE/clock"),
-    "params_file": ("f16", "of the identifier: a shipped profile's name, or the path of a YAML file"),
-    "inputs": ("", "of the identifier, where it is not to take msls_msgs: a path"),
+    **launching.ARGUMENTS,
     "condition": ("high_alpha", "flight condition: high_alpha or cruise"),
     "manoeuvre": ("roll_doublet", "what the pilot flies"),
     "noise": ("low", "sensor noise: none, low, med or high"),
     "mode": ("real_time", "real_time: wall clock; lockstep: as fast as the answers come"),
     "duration": ("0.0", "flight time after which everything ends [s]; 0: never"),
-    "autostart": ("true", "configure and activate the identifier at the start"),
-    "respawn": ("false", "start nodes again that end unasked"),
-    "log_level": ("info", "debug, info, warn, error or fatal"),
     "use_sim_time": ("true", "time of the identifier is the plant's clock"),
     "law": ("fixed", "control law: fixed (the pilot's own), or indi, lq, auto: then a controller flies between"),
-    "record": ("", "folder of a bag to record everything into; empty: none"),
 }
-
-
 TOPICS = ("state", "effectors", "command", "dither", "model", "fault", "truth/state", "truth/model", "/clock")
 """What is recorded without a controller."""
 
@@ -42,20 +33,10 @@ def generate_launch_description() -> LaunchDescription:
 def nodes(context: Any) -> list[Node]:
     """Return the nodes, their arguments resolved."""
     given = context.launch_configurations
-    common: dict[str, Any] = {
-        "package": "msls_ros",
-        "namespace": given["namespace"],
-        "output": "screen",
-        "respawn": given["respawn"].lower() == "true",
-        "ros_arguments": ["--log-level", given["log_level"]],
-        "remappings": [("/clock", "clock")] if given["namespace"] else [],
-    }
-    files = [parameter_file(given[name]) for name in ("params_file", "inputs") if given[name]]
-    own = {
-        "autostart": given["autostart"].lower() == "true",
-        "use_sim_time": given["use_sim_time"].lower() == "true",
-        "lockstep": given["mode"] == "lockstep",
-    }
+    common = launching.common(given)
+    files = launching.parameter_files(given)
+    own = {name: launching.is_true(given[name]) for name in ("autostart", "use_sim_time")}
+    own["lockstep"] = given["mode"] == "lockstep"
     asks = given["law"] != "fixed"
     plant = {name: given[name] for name in ("condition", "noise", "mode")}
     found = [
@@ -84,10 +65,3 @@ def nodes(context: Any) -> list[Node]:
             recorded["topics"] = [*TOPICS, "pilot_command", "control_status"]
         found.append(Node(executable="recorder", name="recorder", parameters=[recorded], **common))
     return found
-
-
-def parameter_file(name: str) -> str:
-    """Return the path of a parameter file: shipped, by its name, or anybody's."""
-    if name.endswith((".yaml", ".yml")):
-        return name
-    return str(Path(get_package_share_directory("msls_ros")) / "config" / f"{name}.yaml")

@@ -14,4 +14,4 @@ def main() -> int:
         from msls_ros.nodes.control_parameters import PARAMETERS
         from msls_ros.nodes.controller import ControllerNode
 
-        return run_or_help("controller", ControllerNode, PARAMETERS, sys.argv[1:], stopping)
+        return stopping.end(run_or_help("controller", ControllerNode, PARAMETERS, sys.argv[1:], stopping))

@@ -13,4 +13,4 @@ def main() -> int:
         from msls_ros.commands.node_help import run_or_help
         from msls_ros.nodes.pilot import PARAMETERS, PilotNode
 
-        return run_or_help("pilot", PilotNode, PARAMETERS, sys.argv[1:], stopping)
+        return stopping.end(run_or_help("pilot", PilotNode, PARAMETERS, sys.argv[1:], stopping))

@@ -25,7 +25,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from msls_ros.commands.node_help import run_or_help
         from msls_ros.nodes.recorder import PARAMETERS, RecorderNode
 
-        code = run_or_help("recorder", RecorderNode, PARAMETERS, arguments, stopping)
+        code = stopping.end(run_or_help("recorder", RecorderNode, PARAMETERS, arguments, stopping))
     if "-h" in arguments or "--help" in arguments:
         print(f"\n{REPAIR}")
     return code

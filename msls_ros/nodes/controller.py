@@ -26,13 +26,13 @@ from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackRet
 from rclpy.parameter import Parameter
 
 from msls_ros import messages
-from msls_ros.control import LAWS, ControlError, Controller, ModelEstimate, Status
+from msls_ros.control import ControlError, Controller, ModelEstimate, Status
 from msls_ros.control.warm_up import warm_up
 from msls_ros.inputs import Refused
 from msls_ros.nodes.control_inputs import NO_COMMAND, PARTS, Collected, ControlInputs
-from msls_ros.nodes.control_parameters import PARAMETERS, aircraft_of, settings_of
-from msls_ros.nodes.parameters import NodeError, declare_table, warn_of_unknown
-from msls_ros.nodes.quality import depth_of, reliable
+from msls_ros.nodes.control_parameters import IN_FLIGHT, PARAMETERS, aircraft_of, settings_of
+from msls_ros.nodes.parameters import NodeError, checked, declare_table, plain, warn_of_unknown
+from msls_ros.nodes.quality import depth_of, listen, publish, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
 from msls_ros.nodes.transitions import guard_transitions
 
@@ -70,6 +70,8 @@ class ControllerNode(LifecycleNode):
         self._settings = settings_of(self._p)
         warn_of_unknown(self)
         guard_transitions(self)
+        self.add_on_set_parameters_callback(self._check_parameters)
+        self.add_post_set_parameters_callback(self._take_parameters)
         self._steady: Callable[[], int] = time.monotonic_ns
         self._controller: Controller | None = None
         self._active = False
@@ -101,16 +103,15 @@ class ControllerNode(LifecycleNode):
         self._held = True
         self._refusals = Refusals(self)
         depth = reliable(depth_of(QUEUE, self._p["sample_rate"]))
-        self.command_publisher = self.create_publisher(EffectorCommand, "command", depth)
-        self.status_publisher = self.create_publisher(ControlStatus, "control_status", depth)
+        self.command_publisher = publish(self, EffectorCommand, "command", depth)
+        self.status_publisher = publish(self, ControlStatus, "control_status", depth)
         self._subscriptions_made = {
-            topic: self.create_subscription(kind, topic, partial(self._on_message, topic), depth)
+            topic: listen(self, kind, topic, depth, partial(self._on_message, topic), self._refusals.take)
             for topic, kind in INPUTS.items()
         }
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._watch = self.create_timer(0.5 * self._settings.sample_timeout, self._watch_samples, clock=steady)
         self._diagnostics = Diagnostics(self, self._health, self._refusals.counts)
-        self.add_on_set_parameters_callback(self._check_parameters)
         self.get_logger().info(f"configured: law {self._settings.law}, surfaces {' '.join(self._aircraft.surfaces)}")
         return SUCCESS
 
@@ -132,7 +133,6 @@ class ControllerNode(LifecycleNode):
             self.destroy_subscription(subscription)
         for publisher in (self.command_publisher, self.status_publisher):
             self.destroy_publisher(publisher)
-        self.remove_on_set_parameters_callback(self._check_parameters)
         self._controller = None
         return SUCCESS
 
@@ -197,8 +197,8 @@ class ControllerNode(LifecycleNode):
     def _poll_faults(self) -> None:
         """Take the alarms that have come: they are sent before the model that goes with them."""
         subscription = self._subscriptions_made["fault"]
-        while (taken := subscription.handle.take_message(subscription.msg_type, False)) is not None:
-            self._on_message("fault", taken[0])
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            subscription.callback(taken[0])
 
     def _publish(self, stamp: int, delta: Any, status: Status) -> None:
         if self._status is None or (status.law, status.reason) != (self._status.law, self._status.reason):
@@ -220,14 +220,21 @@ class ControllerNode(LifecycleNode):
             self._publish(stamp, delta, status)
 
     def _check_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
-        """Take another law in flight; everything else is fixed at the start."""
-        for parameter in parameters:
-            if parameter.name == "law" and self._controller is not None:
-                if parameter.value not in LAWS:
-                    reason = f"parameter 'law' is {parameter.value!r}; it must be one of {', '.join(LAWS)}"
-                    return SetParametersResult(successful=False, reason=reason)
-                self._controller.configure(self._controller.settings.changed({"law": parameter.value}))
+        """Refuse, with a reason, a value that is wrong; all that is fixed at the start is read-only."""
+        try:
+            for parameter in parameters:
+                if parameter.name in IN_FLIGHT:
+                    checked(parameter.name, plain(parameter), *PARAMETERS[parameter.name])
+        except NodeError as error:
+            return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+    def _take_parameters(self, parameters: list[Parameter]) -> None:
+        """Take another law, from the next sample on."""
+        changes = {p.name: plain(p) for p in parameters if p.name in IN_FLIGHT}
+        self._settings = self._settings.changed(changes)
+        if self._controller is not None:
+            self._controller.configure(self._settings)
 
     def _health(self) -> Health:
         p50 = np.median(self.durations) * 1e-3 if self.durations else float("nan")

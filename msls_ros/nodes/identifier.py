@@ -59,8 +59,8 @@ FOREIGN_RATE = 4.0
 """Messages of other stacks come this much faster than the samples that are made of them."""
 KEPT = 2.0
 """What is kept for those who listen, a recorder that writes to disk among them [s]."""
-GOODBYE = 0.5
-"""How long the last dither may take to reach those who listen [s]."""
+GOODBYE = 0.2
+"""How long the last dither may take to reach those who listen [s]; DDS may ask them only every 3 s whether it has."""
 
 
 class IdentifierNode(LifecycleNode):
@@ -125,13 +125,14 @@ class IdentifierNode(LifecycleNode):
         """Build the identifier from the parameters, and the topics."""
         try:
             configuration = read_configuration(self)
-            self._build(configuration)
+            built = self._build(configuration)
             self._subscriptions_made = self._subscribe(configuration)
         except (EstimationError, NodeError) as error:
             self.get_logger().error(str(error))
             return FAILURE
         c = configuration
-        self._outputs = Outputs(self, c, self._p["frame_id"], reliable(depth_of(KEPT, c.sample_rate)))
+        first = built.estimate(0.0, np.zeros(len(c.states)))
+        self._outputs = Outputs(self, c, self._p["frame_id"], reliable(depth_of(KEPT, c.sample_rate)), first)
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
@@ -195,8 +196,8 @@ class IdentifierNode(LifecycleNode):
         self._active = False
         self.get_logger().info("shutting down")
 
-    def _build(self, configuration: Configuration) -> None:
-        """Make identifier and gate, and compile every kernel before the first sample comes."""
+    def _build(self, configuration: Configuration) -> Identifier:
+        """Make identifier and gate, return the first, and compile every kernel before the first sample comes."""
         took = warm_up(configuration.estimator.method)
         if took > COMPILING and HAVE_NUMBA:
             self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
@@ -213,6 +214,7 @@ class IdentifierNode(LifecycleNode):
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
+        return self._identifier
 
     def _stale_after(self) -> float:
         assert self._identifier is not None

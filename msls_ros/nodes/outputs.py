@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from copy import copy
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from rclpy.qos import QoSProfile
 
 from msls_ros import messages, records
 from msls_ros.bags import MessageTemplate
-from msls_ros.estimation import Configuration, Dither, Estimate
+from msls_ros.estimation import Configuration, Dither, Estimate, Level
 from msls_ros.estimation import FaultEvent as Event
 from msls_ros.estimation.dither_answer import REASONS
 from msls_ros.nodes.quality import overriding
@@ -53,10 +54,15 @@ class Outputs:
         Of all headers.
     quality
         Quality of service.
+    first
+        An estimate, from which the form of a model is made: the first form takes a third of a second, which is had
+        now and neither in flight nor when the node is told to stop.
     """
 
-    def __init__(self, node: LifecycleNode, configuration: Configuration, frame: str, quality: QoSProfile) -> None:
-        """Make the publishers; see the class."""
+    def __init__(
+        self, node: LifecycleNode, configuration: Configuration, frame: str, quality: QoSProfile, first: Estimate
+    ) -> None:
+        """Make the publishers and the forms of what they publish; see the class."""
         self._node, self._frame = node, frame
         self._effectors = configuration.effectors
 
@@ -65,8 +71,14 @@ class Outputs:
 
         self._model, self._fault = make(LinearModel, "model"), make(FaultEvent, "fault")
         self._dither = make(DitherCommand, "dither")
-        self._dither_forms: dict[str, _Form] = {}
-        self._model_form: _Form | None = None
+        still = Dither(np.zeros(len(self._effectors)), 0.0, 0.0, 0.0, Level.INHIBITED, "")
+        self._dither_forms = {reason: self._dither_form(replace(still, reason=reason)) for reason in REASONS}
+        fields = records.model_fields(first)
+        self._model_form = _Form("msls_msgs/msg/LinearModel", frame, fields, records.MODEL_NUMBERS)
+
+    def _dither_form(self, dither: Dither) -> _Form:
+        fields = records.dither_fields(self._effectors, dither)
+        return _Form("msls_msgs/msg/DitherCommand", self._frame, fields, records.DITHER_NUMBERS)
 
     def destroy(self) -> None:
         """Give the topics back."""
@@ -80,12 +92,7 @@ class Outputs:
 
     def dither(self, stamp: int, dither: Dither) -> None:
         """Publish a dither."""
-        form = self._dither_forms.get(dither.reason)
-        if form is None:
-            fields = records.dither_fields(self._effectors, dither)
-            form = _Form("msls_msgs/msg/DitherCommand", self._frame, fields, records.DITHER_NUMBERS)
-            if dither.reason in REASONS:
-                self._dither_forms[dither.reason] = form
+        form = self._dither_forms.get(dither.reason) or self._dither_form(dither)
         self._dither.publish(form.filled(stamp, dither))
 
     def fault(self, stamp: int, event: Event) -> None:
@@ -96,9 +103,6 @@ class Outputs:
 
     def model(self, stamp: int, estimate: Estimate) -> None:
         """Publish a model."""
-        if self._model_form is None:
-            fields = records.model_fields(estimate)
-            self._model_form = _Form("msls_msgs/msg/LinearModel", self._frame, fields, records.MODEL_NUMBERS)
         self._model.publish(self._model_form.filled(stamp, estimate))
 
     def wait_sent(self, seconds: float) -> None:

@@ -11,6 +11,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from msls_ros.inputs import Refused
+from msls_ros.nodes.quality import LEAST, publish, reliable
 
 TIME_JUMP = 1_000_000_000
 """A step back in time larger than this is a new beginning [ns]; a smaller one is refused."""
@@ -101,7 +102,7 @@ class Diagnostics:
     def __init__(self, node: Node, health: Callable[[], Health], refused: Mapping[str, int]) -> None:
         """Make publisher and timer; see the class."""
         self._node, self._health, self._refused = node, health, refused
-        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._publisher = publish(node, DiagnosticArray, "/diagnostics", reliable(LEAST))
         self._timer = node.create_timer(1.0, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def destroy(self) -> None:

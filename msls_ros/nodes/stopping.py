@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable
 from types import TracebackType
@@ -42,6 +43,17 @@ class Stopping:
         for number, handler in self._handlers.items():
             signal.signal(number, signal.SIG_IGN if self.asked else handler)
         os.close(self._write)
+
+    def end(self, code: int) -> int:
+        """End the process with an exit code, now, where a signal has come; else return it.
+
+        Everything is given back by then, and to take the interpreter and its compiler apart would cost 0.2 s of a core.
+        """
+        if self.asked:
+            sys.stdout.flush()
+            sys.stderr.flush()
+            os._exit(code)
+        return code
 
     def wake_with(self, wake: Callable[[], object]) -> None:
         """From now on a signal calls ``wake``, from another thread, instead of ending the process."""

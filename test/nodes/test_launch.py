@@ -64,6 +64,14 @@ def test_nodes_parameters_and_files_exist(path: Path, namespace: str) -> None:
     assert len({n["name"] for n in nodes}) == len(nodes)
 
 
+@pytest.mark.parametrize("inputs", ["", "odometry_jointstate"])
+def test_the_shipped_parameter_files_of_a_start_fit_together(bench: Bench, inputs: str) -> None:
+    (node,) = started(LAUNCH / "identifier.launch.py", inputs=inputs)
+    files = [given for given in node["parameters"] if isinstance(given, str)]
+    arguments = ["--ros-args", *(word for path in files for word in ("--params-file", path))]
+    bench.adopt(identifier.IdentifierNode(context=bench.context, cli_args=arguments))
+
+
 def test_a_law_puts_a_controller_between_pilot_and_plant() -> None:
     nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="auto", record="flight")}
     assert nodes["controller"]["parameters"][0]["law"] == "auto"

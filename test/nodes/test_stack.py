@@ -16,7 +16,7 @@ from nodes.made_up import linear_samples
 from nodes.tower import STEP, Tower
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.node import Node
-from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from rclpy.qos import QoSHistoryPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import SetBool, Trigger
@@ -24,6 +24,7 @@ from std_srvs.srv import SetBool, Trigger
 from msls_ros import messages
 from msls_ros.inputs.model_file import read_model
 from msls_ros.inputs.profiles import config_folder, matches_node
+from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.parameters import check_files
@@ -129,13 +130,11 @@ def test_with_a_tolerance_they_are_paired(bench: Bench) -> None:
 
 # --- parameters ---
 
+PROFILES = [p for found in ("*.yaml", "inputs/*.yaml", "control/*.yaml") for p in sorted(config_folder().glob(found))]
+
 
 @pytest.mark.parametrize("name", ["/identifier", "/left/identifier", "/a/b/other_name"])
-@pytest.mark.parametrize(
-    "path",
-    [p for found in ("*.yaml", "inputs/*.yaml") for p in sorted(config_folder().glob(found))],
-    ids=lambda p: p.stem,
-)
+@pytest.mark.parametrize("path", PROFILES, ids=lambda p: p.stem)
 def test_shipped_profiles_match_the_node_in_any_namespace_and_under_any_name(path: Path, name: str) -> None:
     assert matches_node(path, name)
 
@@ -171,6 +170,13 @@ def test_a_parameter_file_with_nothing_for_the_node_is_told_of(
     assert "other.yaml' has nothing for this node, /identifier, and is ignored" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("path", PROFILES, ids=lambda p: p.stem)
+def test_shipped_profiles_are_read_by_param_load_too(path: Path) -> None:
+    """It reads each word as YAML of its own: `left: de` would be a mapping, `left:de` is a word."""
+    loaded = parameter_dict_from_yaml_file(str(path), use_wildcard=True)
+    assert {Parameter.from_parameter_msg(one).name for one in loaded.values()} == loaded.keys() != set()
+
+
 def dumped(bench: Bench, node: str) -> dict[str, Any]:
     """Return all parameters of a node as `ros2 param dump` gets them."""
     names = bench.call(ListParameters, f"{node}/list_parameters").result.names
@@ -188,6 +194,7 @@ def test_dumped_parameters_start_the_node_again(bench: Bench, tmp_path: Path, ki
     path = tmp_path / "dump.yaml"
     plain = {n: list(v) if isinstance(v, (list, tuple)) or hasattr(v, "typecode") else v for n, v in first.items()}
     path.write_text(yaml.safe_dump({f"/{name}": {"ros__parameters": plain}}))
+    assert parameter_dict_from_yaml_file(str(path)).keys() == plain.keys()
     arguments = ["--ros-args", "--params-file", str(path)]
     make: Any = kind
     bench.adopt(make(context=bench.context, cli_args=arguments))
@@ -346,12 +353,14 @@ def test_every_topic_of_every_node_has_its_quality_of_service_overridden_by_para
         PilotNode: ("/command.publisher", {}),
         RecorderNode: ("/model.subscription", {"out": str(tmp_path / "bag")}),
         MixerNode: ("/command_out.publisher", {}),
+        ControllerNode: ("/pilot_command.subscription", {"condition": "high_alpha"}),
+        IdentifierNode: ("/diagnostics.publisher", {}),
     }
     for kind, (where, parameters) in given.items():
         node = bench.add(kind, **{f"qos_overrides.{where}.depth": 7, **parameters})
         topic, side = where.split(".")
         ends = node.publishers if side == "publisher" else node.subscriptions
         assert {e.topic_name: e.qos_profile.depth for e in ends}[topic] == 7
-        own = {e.topic_name for e in (*node.publishers, *node.subscriptions)} - {"/rosout", "/diagnostics"}
-        own -= {name for name in own if name.startswith("/parameter")}
+        own = {e.topic_name for e in (*node.publishers, *node.subscriptions)} - {"/rosout"}
+        own -= {name for name in own if name.startswith("/parameter") or name.endswith("/transition_event")}
         assert all(any(n.startswith(f"qos_overrides.{topic}.") for n in node._parameters) for topic in own), own
