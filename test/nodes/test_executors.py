@@ -1,0 +1,120 @@
+"""The same results under a single-threaded and a multi-threaded executor; clocks that start late, stop and jump."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from msls_msgs.msg import DitherCommand, EffectorCommand, LinearModel
+from nodes.made_up import linear_samples
+from rclpy.context import Context
+from rclpy.executors import MultiThreadedExecutor, SingleThreadedExecutor
+from rclpy.serialization import serialize_message
+from rosgraph_msgs.msg import Clock
+
+from msls_ros import messages
+from msls_ros.bags import BagReader
+from msls_ros.estimation import Dither, Level
+from msls_ros.flights.scenarios import find_scenario
+from msls_ros.nodes.flight import fly
+from msls_ros.nodes.mixer import MixerNode
+from msls_ros.plant import EFFECTORS, STATES
+from msls_ros.testing import Bench
+
+STEP = 20_000_000
+COUNT = 60
+SECOND = 1_000_000_000
+
+
+def threaded(context: Context) -> MultiThreadedExecutor:
+    return MultiThreadedExecutor(num_threads=4, context=context)
+
+
+EXECUTORS: tuple[Callable[..., Any], ...] = (SingleThreadedExecutor, threaded)
+
+
+def test_plant_pilot_controller_identifier_and_recorder_fly_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scenario = replace(find_scenario("nozzle_hard_over"), duration=3.0)
+    flown = []
+    for number, executor in enumerate(EXECUTORS):
+        monkeypatch.setattr("msls_ros.nodes.flight.SingleThreadedExecutor", executor)
+        bag = tmp_path / str(number)
+        record = fly(scenario, scenario.configuration("low", 5, dither=True), bag, noise="low", seed=5)
+        assert record.time_outs == 0 and not record.refused
+        topics: dict[str, list[tuple[int, bytes]]] = {}
+        for message in BagReader(bag):
+            topics.setdefault(message.topic, []).append((message.stamp_ns, bytes(message.data)))
+        flown.append(topics)
+    assert len(flown[0]["/model"]) == record.samples
+    assert len(flown[0]["/control_status"]) >= record.samples - 1
+    assert flown[0] == flown[1]
+
+
+def test_the_mixer_mixes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    said = []
+    for executor in EXECUTORS:
+        monkeypatch.setattr("msls_ros.testing.SingleThreadedExecutor", executor)
+        with Bench() as bench:
+            names = ["de", "dr"]
+            node = bench.add(MixerNode, effectors=names, command_type="msls_msgs/msg/EffectorCommand")
+            out = bench.listen(EffectorCommand, "command_out")
+            for k in range(1, 41):
+                at = k * STEP
+                dither = Dither(np.array([1e-3 * k, -1e-3]), 0.0, 0.0, 0.0, Level.NOMINAL, "test")
+                if k % 3:
+                    taken = node._mixer._taken
+                    bench.publish("dither", messages.dither_message(at, names, dither))
+                    bench.spin_until(lambda taken=taken: node._mixer._taken != taken, "the dither")
+                bench.publish("command_in", messages.command_message(at, names, np.array([0.1, 0.2])))
+                bench.expect(out, k, "the command")
+        said.append([serialize_message(message) for message in out])
+    assert len(set(said[0])) == 40
+    assert said[0] == said[1]
+
+
+def clocked(bench: Bench, times: list[int | None]) -> tuple[list[LinearModel], list[DitherCommand]]:
+    """Feed samples to an identifier with use_sim_time, each after what /clock said; return what it answers."""
+    identifier = bench.identifier(use_sim_time=True, dither__stale_after=1000.0)
+    models, dithers = bench.listen(LinearModel, "model"), bench.listen(DitherCommand, "dither")
+    x, xdot, delta = linear_samples(COUNT)
+    for k, now in enumerate(times):
+        if now is not None:
+            bench.publish("/clock", Clock(clock=messages.time_message(now)))
+            shown = identifier.node.get_clock()
+            bench.spin_until(lambda shown=shown, now=now: shown.now().nanoseconds == now, "the clock")
+        at = SECOND + k * STEP
+        bench.publish("state", messages.state_message(at, STATES, x[k], xdot[k]))
+        bench.publish("effectors", messages.effector_message(at, EFFECTORS, delta[k]))
+        bench.spin_until(lambda k=k: len(models) > k and len(dithers) > k, "the answers")
+    return models, dithers
+
+
+def stamps() -> list[int]:
+    return [SECOND + k * STEP for k in range(COUNT)]
+
+
+CLOCKS: dict[str, list[int | None]] = {
+    "never starts": [None] * COUNT,
+    "starts late": [None] * 30 + stamps()[30:],  # type: ignore[list-item]
+    "stops": stamps()[:30] + [None] * 30,  # type: ignore[list-item]
+    "jumps ahead": stamps()[:30] + [at + 3600 * SECOND for at in stamps()[30:]],  # type: ignore[list-item]
+    "jumps back": [at + 3600 * SECOND for at in stamps()[:30]] + stamps()[30:],  # type: ignore[list-item]
+}
+
+
+@pytest.mark.parametrize("name", CLOCKS)
+def test_the_estimates_are_those_of_the_stamps_whatever_the_clock_does(name: str) -> None:
+    with Bench() as bench:
+        right = clocked(bench, stamps())  # type: ignore[arg-type]
+    with Bench() as bench:
+        models, dithers = clocked(bench, CLOCKS[name])
+    values = [[messages.values(getattr(m, f)).tobytes() for f in ("a", "b", "a_std", "b_std")] for m in models]
+    expected = [[messages.values(getattr(m, f)).tobytes() for f in ("a", "b", "a_std", "b_std")] for m in right[0]]
+    assert values == expected
+    assert all(np.isfinite(messages.values(d.delta)).all() for d in dithers)
