@@ -33,7 +33,8 @@ SEVERAL = 20
 """Commands that are looked at once the last dither of a dead identifier is stale, by the stamps of both."""
 ON_DISK = 1.0
 """What was sent so long before a kill is on disk [s]."""
-LIMIT = 120.0
+LIMIT = 600.0
+"""Wall clock after which what was waited for will not come: an identifier may have to compile its kernels first [s]."""
 
 
 def launch(name: str, folder: Path, domain: int, *given: str) -> subprocess.Popen[bytes]:
