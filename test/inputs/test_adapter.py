@@ -388,7 +388,9 @@ def test_a_path_without_end_is_refused_in_a_short_line(text: str) -> None:
     assert len(str(refused.value)) < 200
 
 
-@pytest.mark.parametrize("path", ["name[1]", "name", "get_fields_and_field_types", "header.stamp", "header.stamp.sec", "__class__"])
+@pytest.mark.parametrize(
+    "path", ["name[1]", "name", "get_fields_and_field_types", "header.stamp", "header.stamp.sec", "__class__"]
+)
 def test_a_number_is_written_only_where_one_stands(path: str) -> None:
     from sensor_msgs.msg import JointState
 

@@ -70,7 +70,7 @@ def test_the_mixer_mixes_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
                 if k % 3:
                     taken = node._mixer._taken
                     bench.publish("dither", messages.dither_message(at, names, dither))
-                    bench.spin_until(lambda taken=taken: node._mixer._taken != taken, "the dither")
+                    bench.spin_until(lambda node=node, taken=taken: node._mixer._taken != taken, "the dither")
                 bench.publish("command_in", messages.command_message(at, names, np.array([0.1, 0.2])))
                 bench.expect(out, k, "the command")
         said.append([serialize_message(message) for message in out])
