@@ -254,11 +254,14 @@ def test_a_damaged_definition_is_parsed_once_for_all_its_messages(
     """Found by coverage-guided fuzzing: it was parsed again for each, 10 ms a time."""
     path = tmp_path / "t.mcap"
     path.write_bytes(mcap_of_type("a/msg/B", TYPES["nonsense"][0]))
-    parsed: list[str] = []
-    check = decoding.check_text
-    monkeypatch.setattr(
-        decoding, "check_text", lambda msgtype, *a, **k: (parsed.append(msgtype), check(msgtype, *a, **k))
-    )
+    parsed = []
+    parse = vars(decoding)["_parse"]
+
+    def count(definition: object) -> object:
+        parsed.append(definition)
+        return parse(definition)
+
+    monkeypatch.setattr(decoding, "_parse", count)
     reader = read(path)
     (found,) = reader
     for _ in range(3):

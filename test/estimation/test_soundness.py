@@ -84,15 +84,31 @@ def test_a_burst_that_nothing_forgets_never_leaves_a_wrong_estimate_reliable(met
     assert np.abs(estimates[-1].b - B)[3:6].max() < 0.02
 
 
+@pytest.mark.parametrize("size", [1.0, 30.0, 1e5])
+@pytest.mark.parametrize("method", ["msls", "rls"])
+def test_a_burst_that_is_not_absurd_widens_the_bars_as_long_as_it_is_remembered(method: str, size: float) -> None:
+    changes = {"estimator.method": method, "estimator.forgetting_factor": 1.0, "detector.mode": "off"}
+    identifier = Identifier(from_mapping(changes))
+    x, xdot, delta = (np.vstack([one, two]) for one, two in zip(calm(), calm(4), strict=True))
+    burst = slice(400, 405)
+    delta[burst] = size * np.random.default_rng(3).normal(size=(5, EFFECTORS))
+    estimates = identifier.run(np.arange(2 * CALM) / 50.0, x, xdot, delta, every=10).estimates
+    errors = np.array([np.abs(e.b - B)[3:6] for e in estimates])
+    reliable = np.array([e.b_reliable[3:6] for e in estimates])
+    assert reliable[39].all() and errors[39].max() < 0.01, "before the burst"
+    assert errors[-1].max() > 0.3, "it is remembered"
+    assert not (reliable & (errors > 0.3)).any()
+
+
 def test_a_reset_is_the_same_in_blocks_as_sample_by_sample() -> None:
-    samples = tuple(np.vstack(parts) for parts in zip(storm("samples"), calm(), strict=True))
+    x, xdot, delta = (np.vstack(parts) for parts in zip(storm("samples"), calm(), strict=True))
     time = np.arange(STORM + CALM) / 50.0
     single, blocks = (Identifier(from_mapping({"detector.mode": "off"})) for _ in range(2))
-    one = single.run(time, *samples, every=1).estimates
-    many = blocks.run(time, *samples, every=STORM + CALM).estimates
+    one = single.run(time, x, xdot, delta, every=1).estimates
+    many = blocks.run(time, x, xdot, delta, every=STORM + CALM).estimates
     events = [[(v.time, v.kind) for e in found for v in e.events] for found in (one, many)]
     assert events[0] == events[1] and sum(map(len, events[0])) > 0
-    np.testing.assert_array_equal(one[-1].b, blocks.estimate(time[-1], samples[0][-1]).b)
+    np.testing.assert_array_equal(one[-1].b, blocks.estimate(time[-1], x[-1]).b)
 
 
 def test_an_ordinary_aircraft_is_never_reset() -> None:
