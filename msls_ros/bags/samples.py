@@ -74,6 +74,14 @@ class SampleBlock(NamedTuple):
     values: NDArray[np.float64]
     rates: NDArray[np.float64] | None
 
+    def samples(self) -> list[Sample]:
+        """Return the samples one by one; their arrays are rows of the block's."""
+        rates = list(self.rates) if self.rates is not None else [None] * len(self.values)
+        return [
+            Sample(stamp, self.names, values, own)
+            for stamp, values, own in zip(self.stamps_ns.tolist(), self.values, rates, strict=True)
+        ]
+
 
 @dataclass(frozen=True)
 class _Layout:

@@ -36,6 +36,7 @@ def parser() -> argparse.ArgumentParser:
     )
     result.add_argument("bag", type=Path, metavar="BAG", help="bag directory or file, .ulg of PX4, .bin of ArduPilot")
     result.add_argument("--out", type=Path, metavar="DIR", help="folder for the report (default: beside the bag)")
+    result.add_argument("--png", type=Path, metavar="DIR", help="write the page's charts as PNG files into this folder")
     result.add_argument(
         "--parameter",
         action="append",
@@ -84,6 +85,12 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         bar.show(60.0, "drawing")
         _make_folder(out)
         report = make_report(flight, arguments.parameter)
+        images: list[Path] = []
+        if arguments.png is not None:
+            from msls_ros.report.page_figures import save_figures  # takes a second to import
+
+            _make_folder(arguments.png)
+            images = save_figures(report.figures, report.marks, arguments.png)
         bar.show(100.0, "done")
     page = out / PAGE
     try:
@@ -95,7 +102,8 @@ def run(arguments: argparse.Namespace) -> dict[str, Any]:
         print(f"report: warning: {warning}", file=sys.stderr)
     return {
         "report": str(page),
-        "figures": report.figures,
+        "figures": [drawn.name for drawn in report.figures],
+        "png": [str(path) for path in images],
         "sections": report.sections,
         "bytes": len(report.html.encode("utf-8")),
         "verdict": report.verdict,

@@ -102,8 +102,9 @@ def solve_general(a: Array, y: Array) -> bool:
                 for k in range(m):
                     y[i, k] -= factor * y[j, k]
     for i in range(n - 1, -1, -1):
-        for k in range(m):
-            for j in range(i + 1, n):
+        for j in range(i + 1, n):
+            for k in range(m):
                 y[i, k] -= a[i, j] * y[j, k]
+        for k in range(m):
             y[i, k] /= a[i, i]
     return True

@@ -22,8 +22,8 @@ from msls_ros.control.errors import ControlError
 from msls_ros.control.linear import Array, multiply, multiply_transposed, solve_general
 
 DOUBLINGS = 40
-VANISHED = 1e-13
-"""Largest element of A at which the doubling has converged."""
+VANISHED = 1e-8
+"""Largest element of A at which the doubling has converged: the next step would change X by its square."""
 WORK = 8
 """Matrices of working memory."""
 

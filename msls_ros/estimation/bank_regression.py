@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 
+from msls_ros.estimation.bank_isolation import Losses
+from msls_ros.estimation.bank_losses import compare_surfaces
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
-from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member, residual_variance
+from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
-from msls_ros.estimation.isolation import Difference, invert, upper_factor
+from msls_ros.estimation.isolation import invert, upper_factor
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import Output, forget_sample, make_output
@@ -36,7 +41,7 @@ class BankRegression:
         self.state = make_bank_state(settings, rows, min(rows + 1, GROUPS))
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
-        self._work = make_bank_work(settings)
+        self._work = make_bank_work(settings, rows)
         self._observed = np.zeros(0), np.zeros((0, rows))
         self.reset()
 
@@ -156,13 +161,20 @@ class BankRegression:
         """Let go of what was known of a row before its alarm."""
         self.state.pending[row] = 0
 
-    def difference(self, row: int) -> Difference:
-        """Return the estimates of a row before its alarm and since, and the covariances of both, constant last."""
-        x = self.state
-        before = self._covariance(x.R_before[row][:, :, None], 0, float(x.variance_before[row]))
-        leader = leading_member(x, row)
-        since = self._covariance(x.R[x.group[row]], leader, residual_variance(x, row))
-        return Difference(np.roll(x.theta_before[row], -1), before, x.theta[row].copy(), since)
+    def losses(self, rows: Sequence[int]) -> Losses:
+        """Say what the rows, since their alarm, know of the loss of each surface."""
+        x, work = self.state, self._work
+        work.concerned[:] = 0
+        work.concerned[list(rows)] = 1
+        s = self.settings
+        excess = float(compare_surfaces(s, x, s.recent, x.theta_before, x.square_before, work))
+        return Losses(
+            work.change.tolist(),
+            [math.sqrt(v) for v in work.variance.tolist()],
+            work.explained.tolist(),
+            float(work.by_state[0]),
+            excess,
+        )
 
     def _covariance(self, R: Array, member: int, variance: float) -> Array:
         p = self.theta.shape[1]

@@ -11,9 +11,10 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
+from msls_ros.estimation.bank_losses import EVERY, apply_loss, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
-from msls_ros.estimation.bank_uncertainty import keep_best, leading_member, observe_errors, residual_variance
+from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import (
@@ -91,7 +92,14 @@ def advance_bank(
             mix(x, q, work.e)
             if (x.samples[0] + q) % KEEP == 0:
                 keep_best(s, x, q, noise[n], work.e, work.w, work.squares)
+        keep_reference(s, x)
         x.samples[0] += 1
+        if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
+            lost = sense_losses(s, x, work)
+            if lost >= 0:
+                apply_loss(s, x, lost, work)
+                mark_alarm(s, x, lost, work, out.statistic[n], out.alarm[n])
+                any_alarm = True
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
@@ -149,6 +157,9 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
             keep_before(x, q)
     clear_factors(s, x, target)
     x.waiting[target] = s.straddle + 1 if s.straddle > 0 else 0
+    x.kept[1] = x.kept[0]
+    for a in range(x.run.shape[0]):
+        x.run[a] = 0
     for q in range(alarm.shape[0]):
         if alarm[q] != 0 or x.group[q] == target:
             x.group[q] = target
@@ -196,12 +207,9 @@ def keep_before(x: BankState, q: int) -> None:
         return
     x.pending[q] = 1
     p = x.mixed.shape[1]
-    leader = leading_member(x, q)
-    x.variance_before[q] = residual_variance(x, q)
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        for k in range(p):
-            x.R_before[q, i, k] = x.R[x.group[q], i, k, leader]
+        x.square_before[q, i] = x.square[q, i]
 
 
 @compiled

@@ -10,6 +10,7 @@ import numpy as np
 from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.surfaces import Surface, read_surfaces
 
 PRIORS = (10.0, 300.0, 1e5)
 """Widths pi of the priors: ``R = diag(sigma/pi)``. Narrow ones hold back what a few noisy samples would say."""
@@ -47,6 +48,10 @@ COLOUR_MEMORY = 4.0
 """[s]"""
 LEARNING = 1.0
 """After a first excitation [s]; the longest window of the detector besides."""
+LOSSES = ((0.4, 1.0), (1.5, 3.0))
+"""Memories in which losses of surfaces are looked for, and by how much older what they are compared with is [s]."""
+STRIDE = 0.1
+"""Between estimates that are kept to compare with [s]."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -64,6 +69,7 @@ def make_bank_settings(
     *,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
+    surfaces: Sequence[Surface] = (),
     straddle: int = 0,
     detect: bool = True,
     threshold: float = THRESHOLD,
@@ -84,6 +90,8 @@ def make_bank_settings(
         Samples over which the inputs were smoothed or differentiated.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
+    surfaces
+        What can be lost.
     detect
         Whether alarms are raised.
     threshold
@@ -94,7 +102,8 @@ def make_bank_settings(
     prior = sigma[:, None] / pi[None, :]
     prior[0] = 1.0 / np.maximum(pi, CONSTANT_PRIOR)
     widest = [(t, -k, p) for t, p, k, _ in grid]
-    recent = min(range(len(grid)), key=lambda m: (abs(grid[m][0] - 1.5), -grid[m][1], abs(grid[m][2] - 1.0)))
+    near = [_nearest(grid, tau) for tau, _ in LOSSES]
+    stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
         forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
         held=held.astype(np.int64),
@@ -119,15 +128,25 @@ def make_bank_settings(
         effectors_from=effectors[0],
         effectors_to=effectors[1],
         reference=widest.index(max(widest)),
-        recent=recent,
+        recent=near[-1],
         learning=round(LEARNING / period) + WINDOWS[-1],
         straddle=straddle,
         velocities=np.array(velocities, np.int64) + 1,
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         place=min(period / PLACE, 1.0),
+        gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
+        shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
+        loss_members=np.array(near, np.int64),
+        loss_delays=np.array([max(1, round(back / period / stride)) for _, back in LOSSES], np.int64),
+        stride=stride,
         followed_row=-1,
         followed_column=-1,
     )
+
+
+def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float) -> int:
+    """Return the freest member of about that memory [s]."""
+    return min(range(len(grid)), key=lambda m: (abs(grid[m][0] - memory), -grid[m][1], abs(grid[m][2] - 1.0)))
 
 
 def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
@@ -139,6 +158,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         bank_grid(c.estimator.memories, c.estimator.held_memories),
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
+        surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
         detect=c.detector.mode != "off",
     )

@@ -71,6 +71,15 @@ class BankSettings(NamedTuple):
     """(v,) their scales."""
     place: float
     """Gain per sample of their means."""
+    gains: Array
+    """(k, m) position of each surface by each effector, as shares its effect by theirs; see `surfaces`."""
+    shares: Array
+    loss_members: Integers
+    """(a,) members whose estimates are compared with older ones, see `bank_losses`."""
+    loss_delays: Integers
+    """(a,) by how much older, in strides."""
+    stride: int
+    """Samples between estimates that are kept for that."""
     followed_row: int
     followed_column: int
     """Of the estimate that `Output.followed` holds; negative: none."""
@@ -149,10 +158,18 @@ class BankState(NamedTuple):
     """(r,) 1 from an alarm of the row until it is settled what changed."""
     theta_before: Array
     """(r, p) the estimates before that alarm, constant first."""
-    R_before: Array
-    """(r, p, p) factor of the leading member before that alarm."""
-    variance_before: Array
-    """(r,) residual variance, corrected for colour, before that alarm."""
+    square_before: Array
+    """(r, p) their squared standard errors."""
+    kept: Integers
+    """(2,) how many estimates have been kept in all, and before the last alarm."""
+    kept_theta: Array
+    """(w, r, p) estimates of the last seconds, constant first, a ring."""
+    kept_square: Array
+    """(w, r, p) their squared standard errors."""
+    run: Integers
+    """(a,) how many times in a row a loss was seen, see `bank_losses`."""
+    suspect: Integers
+    """(a,) of which surface."""
     misfits: Integers
     """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
@@ -206,12 +223,28 @@ class BankWork(NamedTuple):
     """(m,) share of the information that is forgotten [1]."""
     e: Array
     """(m,) delayed prediction errors; exponents of the weights."""
+    concerned: Integers
+    """(r,) 1 for rows that count."""
+    change: Array
+    """(k,) by which share the effect of each surface has changed, with its variance, see `bank_losses`."""
+    variance: Array
+    deviation: Array
+    """(k,) how many standard errors that is, positive for a loss."""
+    explained: Array
+    """(k,) what it explains of what has changed."""
+    by_state: Array
+    """(p,) what a change of one state explains; the largest first."""
+    against: Array
+    """(r, k)"""
+    information: Array
+    """(r, k) about the change, by row."""
 
 
 def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     """Allocate a state; `clear_bank` makes it valid."""
     p, m = s.prior.shape
     w = int(s.windows[-1])
+    kept = int(max(s.loss_delays, default=0)) + 1
     return BankState(
         R=np.zeros((groups, p, p, m)),
         info=np.zeros((groups, p, m)),
@@ -248,8 +281,12 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         colour=np.zeros((rows, 2)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
-        R_before=np.zeros((rows, p, p)),
-        variance_before=np.zeros(rows),
+        square_before=np.zeros((rows, p)),
+        kept=np.zeros(2, np.int64),
+        kept_theta=np.zeros((kept, rows, p)),
+        kept_square=np.zeros((kept, rows, p)),
+        run=np.zeros(len(s.loss_members), np.int64),
+        suspect=np.zeros(len(s.loss_members), np.int64),
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
         learning=np.zeros(1, np.int64),
@@ -264,13 +301,17 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     )
 
 
-def make_bank_work(s: BankSettings) -> BankWork:
+def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     """Allocate the scratch."""
     p, m = s.prior.shape
     row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
     c, t, left, root, first, loss, e = (np.zeros(m) for _ in range(7))
+    k = len(s.gains)
+    change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
     return BankWork(
-        np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e
+        *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e),
+        *(np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
+        *(np.zeros((rows, k)), np.zeros((rows, k))),
     )
 
 

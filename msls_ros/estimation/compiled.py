@@ -3,7 +3,7 @@
 The kernels are explicit loops over float64 with `math.sqrt` only: no BLAS, no fastmath, no reassociated sums. Compiled
 and interpreted they give the same bits. Compiled code is cached on disk. An entry of numba's cache knows its own source
 file only and would survive an edit of a function that it calls, so the cache folder carries a hash of all sources of
-the room.
+the room; and nothing else, so that other clones of the same sources compile nothing.
 
 Kernels write into arrays that they are given and allocate none, so they are compiled without numba's run time for
 memory: it would count the references to every array of a state at every call of a helper, with atomic operations, which
@@ -14,9 +14,12 @@ from __future__ import annotations
 
 import functools
 import hashlib
+import inspect
 import os
+import tempfile
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from importlib import metadata
 from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
@@ -42,38 +45,110 @@ KERNELS: list[Any] = []
 _warned = False
 
 
+class Locator:
+    """Tells numba where a kernel is kept: by what its room's sources are, not where, so that clones of a version share.
+
+    What numba asks of the classes named in its setting ``CACHE_LOCATOR_CLASSES``. Files appear there whole, by
+    renaming, so several processes may compile at once.
+
+    Parameters
+    ----------
+    function, file
+        The kernel, and the file that it is in.
+    """
+
+    def __init__(self, function: Any, file: str) -> None:
+        """Note where; see the class."""
+        self._line, self._py_file = function.__code__.co_firstlineno, file
+        self._folder = _cache_folder(Path(file).parent)
+
+    @classmethod
+    def from_function(cls, function: Any, file: str) -> Locator | None:
+        """Return the place of a kernel; None where no folder can be written, then it is compiled in each process."""
+        if not os.path.exists(file):
+            return None
+        found = cls(function, file)
+        try:
+            found.ensure_cache_path()
+        except OSError:
+            return None
+        return found
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder and see that it can be written.
+
+        Raises
+        ------
+        OSError
+            If not.
+        """
+        self._folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=self._folder).close()
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        """Return what a change of the sources changes: the folder's name."""
+        return self._folder.name
+
+    def get_disambiguator(self) -> str:
+        """Return what tells kernels of one name in one file apart: the first line."""
+        return str(self._line)
+
+
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel with numba: no fastmath, no allocation; without numba return it as it is."""
     if not HAVE_NUMBA:
         return function
-    before = numba_config.CACHE_DIR
-    numba_config.CACHE_DIR = _cache_folder()
-    try:
-        compiled_function: Callable[P, T] = _cached(function)
-    finally:
-        numba_config.CACHE_DIR = before
-    KERNELS.append(compiled_function)
-    return compiled_function
+    kernel = compile_kept(function, OPTIONS)
+    KERNELS.append(kernel)
+    return kernel
 
 
-def _cached(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile with a cache on disk; without one where no folder can be written."""
+def compile_kept(function: Callable[P, T], options: Mapping[str, Any]) -> Callable[P, T]:
+    """Compile a kernel that is kept on disk for other processes; without keeping it where no folder can be written.
+
+    Parameters
+    ----------
+    function
+        As it is interpreted.
+    options
+        For ``numba.njit``.
+
+    Returns
+    -------
+    Callable
+        Compiled at its first call.
+    """
+    changes = {"CACHE_LOCATOR_CLASSES": f"{__name__}.{Locator.__name__}"}
+    if not hasattr(numba_config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
+        changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(function)).parent))}
+    before = {name: getattr(numba_config, name) for name in changes}
+    vars(numba_config).update(changes)
     try:
-        with_cache: Callable[P, T] = numba.njit(**OPTIONS)(function)
+        with_cache: Callable[P, T] = numba.njit(**options)(function)
     except RuntimeError:  # numba: "no locator available"
-        without: Callable[P, T] = numba.njit(**{**OPTIONS, "cache": False})(function)
+        without: Callable[P, T] = numba.njit(**{**options, "cache": False})(function)
         return without
+    finally:
+        vars(numba_config).update(before)
     return with_cache
 
 
 @functools.cache
-def _cache_folder() -> str:
-    """Return the folder of the compiled kernels: numba's own setting, else the user's cache, by hash of the sources."""
-    digest = hashlib.sha256()
-    for source in sorted(Path(__file__).parent.glob("*.py")):
-        digest.update(source.read_bytes())
+def _cache_folder(room: Path) -> Path:
+    """Return the folder of a room's kernels: in numba's own setting, else the user's cache, by hash of the sources.
+
+    A kernel may call those of its own room and of this one.
+    """
+    digest = hashlib.sha256(f"{numba.__version__} {metadata.version('llvmlite')}".encode())
+    for folder in (Path(__file__).parent, room):
+        for source in sorted(folder.glob("*.py")):
+            digest.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
     base = numba_config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
-    return str(Path(base) / "msls_ros" / digest.hexdigest()[:16])
+    return Path(base) / "msls_ros" / f"{room.name}-{digest.hexdigest()[:16]}"
 
 
 def warn_if_interpreted(regressors: int, rows: int, colours: int) -> None:

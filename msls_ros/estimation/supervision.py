@@ -6,13 +6,15 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank_isolation import Decision, find_name, row_evidence
+from msls_ros.estimation.bank_isolation import Decision, find_name
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import THRESHOLD
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.soundness import ABSURD, MISFIT, NOT_FINITE
 from msls_ros.estimation.surfaces import read_surfaces
 
@@ -123,11 +125,11 @@ class Supervisor:
 
     def _name(self, time: float, regression: Engine) -> list[FaultEvent]:
         """Name the surface that explains what changed in all rows, once that is decided; give up after the window."""
-        limits, p = self._c.isolation, regression.theta.shape[1]
-        ready = [q for q in sorted(self._isolating) if regression.age(q) >= p + limits.least_samples]
-        evidence = {q: row_evidence(regression.difference(q), self._surfaces, len(self._c.rows)) for q in ready}
-        found = {q: one for q, one in evidence.items() if one is not None}
-        name = self._decision.take(find_name(list(found.values()), self._surfaces, limits) if found else None)
+        limits = self._c.isolation
+        least = (limits.least_samples - 0.5) / self._c.sample_rate
+        found = [q for q, since in sorted(self._isolating.items()) if time - since >= least]
+        losses = regression.losses(found) if found and isinstance(regression, BankRegression) else None
+        name = self._decision.take(find_name(losses, self._surfaces, limits) if losses else None)
         for q, since in sorted(self._isolating.items()):
             if (name is not None and q in found) or time - since > limits.window:
                 del self._isolating[q]
@@ -149,6 +151,7 @@ class Supervisor:
         limits, p = self._c.isolation, regression.theta.shape[1]
         if regression.age(q) < p + limits.least_samples:
             return []
+        assert isinstance(regression, Regression)
         d = regression.difference(q)
         first = len(self._c.rows)
         effectors, states = range(first, p - 1), range(first)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
@@ -89,7 +90,8 @@ def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
         return
     names = list(moving)
     values = np.concatenate([grid[1][name] for name in names], axis=1)
-    values = values - values.mean(axis=0)
+    triangle: Any = np.linalg.qr(values - values.mean(axis=0), mode="r")
+    values = triangle  # few rows, of which all products are the same
     gone: set[str] = set()
     for i, first in enumerate(names):
         for j in range(i + 1, len(names)):

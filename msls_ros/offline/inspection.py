@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.bags import AnyReader, BagError, SampleDecoder
+from msls_ros.bags import AnyReader, BagError, BagMessage, SampleDecoder
 from msls_ros.estimation import LARGEST, Configuration, EstimationError
 from msls_ros.inputs import InputAdapter, InputMap
 from msls_ros.inputs.findings import WRONG, Finding, ordered
@@ -132,38 +132,72 @@ def _read_own(
 ) -> tuple[Record, int]:
     """Read `msls_msgs`, five times as fast as by paths."""
     inputs = own_map(configuration, topics)
-    decoders = {topics.state: SampleDecoder(STATE), topics.effectors: SampleDecoder(EFFECTORS)}
-    stamps: dict[str, list[int]] = {name: [] for name in decoders}
-    logged: dict[str, list[int]] = {name: [] for name in decoders}
-    rows: dict[str, list[Any]] = {name: [] for name in decoders}
-    wanted = {topics.state: configuration.states, topics.effectors: configuration.effectors}
+    readings = {
+        topics.state: _Reading(STATE, configuration.states),
+        topics.effectors: _Reading(EFFECTORS, configuration.effectors),
+    }
     count = 0
-    own = reader.only(list(decoders))
+    own = reader.only(list(readings))
     for batch in own.batches():
-        for message in batch[: MOST - count]:
-            try:
-                sample = decoders[message.topic].decode(message.data)
-                order = [sample.names.index(name) for name in wanted[message.topic]]
-            except (BagError, ValueError, IndexError):
-                continue
-            rates = sample.rates
-            rates = rates[order] if rates is not None and len(rates) > max(order) else np.full(len(order), np.nan)
-            stamps[message.topic].append(sample.stamp_ns)
-            logged[message.topic].append(message.stamp_ns)
-            rows[message.topic].append(np.concatenate([sample.values[order], rates]))
+        part = batch[: MOST - count]
+        for name, reading in readings.items():
+            reading.take([message for message in part if message.topic == name])
         count += len(batch)
         progress(min(1.0, max(own.progress, count / MOST)))
         if count >= MOST:
             break
     record = Record(inputs)
     for alias, source in inputs.topics.items():
-        times = np.array(stamps[source.topic], dtype=np.int64)
+        reading = readings[source.topic]
+        times, logged, table = (np.concatenate(column) for column in reading.columns)
         step = np.diff(times)
         repeated, back = int((step == 0).sum()), int((step < 0).sum())
-        record.topics[alias] = TopicTimes(times, np.array(logged[source.topic], dtype=np.int64), repeated, back)
-        table = np.array(rows[source.topic])
-        _put(record, alias, times, table, wanted[source.topic])
+        record.topics[alias] = TopicTimes(times, logged, repeated, back)
+        _put(record, alias, times, table, reading.names)
     return record, min(count, MOST)
+
+
+class _Reading:
+    """What a topic of samples holds: stamps, times of the log, and values with rates in the order wanted."""
+
+    def __init__(self, msgtype: str, names: tuple[str, ...]) -> None:
+        """Hold nothing yet.
+
+        Parameters
+        ----------
+        msgtype
+            Of `SampleDecoder`.
+        names
+            Wanted.
+        """
+        self.names, self._decoder = names, SampleDecoder(msgtype)
+        empty = np.zeros(0, dtype=np.int64)
+        self.columns: tuple[list[Any], list[Any], list[Any]] = ([empty], [empty], [np.zeros((0, 2 * len(names)))])
+
+    def take(self, messages: list[BagMessage]) -> None:
+        """Take messages all at once where they are alike, else those that can be read."""
+        block = self._decoder.decode_block([message.data for message in messages]) if messages else None
+        if block is not None and set(self.names) <= set(block.names):
+            logged = [message.stamp_ns for message in messages]
+            self._add(block.stamps_ns, logged, block.names, block.values, block.rates)
+            return
+        for message in messages:
+            try:
+                sample = self._decoder.decode(message.data)
+                rates = sample.rates if sample.rates is None else sample.rates[None, :]
+                self._add([sample.stamp_ns], [message.stamp_ns], sample.names, sample.values[None, :], rates)
+            except (BagError, ValueError, IndexError):
+                continue
+
+    def _add(self, stamps: Any, logged: Any, names: tuple[str, ...], values: Any, rates: Any) -> None:
+        order = [names.index(name) for name in self.names]
+        if rates is not None and rates.shape[1] > max(order):
+            rates = rates[:, order]
+        else:
+            rates = np.full((len(values), len(order)), np.nan)
+        rows = np.hstack([values[:, order], rates])
+        for column, found in zip(self.columns, (stamps, logged, rows), strict=True):
+            column.append(np.asarray(found))
 
 
 def _put(record: Record, alias: str, times: Any, table: Any, names: tuple[str, ...]) -> None:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, FaultEvent, Identifier
+from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
+from msls_ros.inputs.block_pairing import PairedBlock, Stream, pair_block
 from msls_ros.offline.recording import Input, Stamped, Thinned
 
 Array = NDArray[np.float64]
 _BLOCK = 500
-"""Samples at a time: estimates are large, and only a few are kept."""
+"""Samples at a time."""
 _MODELS = 3000
 """Models that are computed at most, for error bars cost more than the estimate."""
 _LOOK = 1000
@@ -36,7 +37,6 @@ class Recomputed:
     """Prediction errors and statistics, (r,) each."""
     models: Thinned[Estimate] = field(default_factory=Thinned)
     events: Stamped[FaultEvent] = field(default_factory=list)
-    dithers: Stamped[Dither] = field(default_factory=list)
     samples: list[tuple[Array, Array, Array]] = field(default_factory=list)
     """x (k, n), xdot (k, n), delta (k, m) of each block that was identified from."""
 
@@ -88,21 +88,49 @@ def recompute(
     identifier = Identifier(configuration, straddle) if identify else None
     found = Recomputed({}, 0, 0)
     every = max(1, -(-len(inputs) // (2 * _MODELS)))
-    for samples in _blocks(_paired(_in_order(inputs), gate, found.examples)):
+    for block in _blocks(_in_order(inputs), gate, found.examples):
         if identifier is not None:
-            _identify(identifier, samples, found, every)
+            _identify(identifier, block, found, every)
         progress(min(1.0, 2.0 * gate.paired / len(inputs)))
     found.refused, found.paired, found.restarts = dict(gate.refused), gate.paired, gate.restarts
     return found
 
 
-def _in_order(inputs: list[Input]) -> Iterable[Input]:
+def _in_order(inputs: list[Input]) -> list[Input]:
     """Return the inputs as a player would give them: by log time, where one stream follows the other."""
     first = inputs[0].leaf
     if any(message.leaf != first for message in inputs[: _LOOK + 1]) or len(inputs) <= _LOOK:
         return inputs
     streams = [[m for m in inputs if m.leaf == leaf] for leaf in ("state", "effectors")]
-    return heapq.merge(*streams, key=lambda message: message.logged)
+    return list(heapq.merge(*streams, key=lambda message: message.logged))
+
+
+def _blocks(inputs: list[Input], gate: Synchronizer, examples: dict[str, str]) -> Iterator[PairedBlock]:
+    """Yield paired samples some at a time: many messages at once where all pass, else one by one."""
+    for start in range(0, len(inputs), 2 * _BLOCK):
+        part = inputs[start : start + 2 * _BLOCK]
+        block = _at_once(part, gate)
+        if block is not None:
+            yield block
+        else:
+            yield from _grouped(_paired(part, gate, examples))
+
+
+def _at_once(part: list[Input], gate: Synchronizer) -> PairedBlock | None:
+    """Put messages through the gate all at once; None, and nothing has changed: they are not all alike and good."""
+    samples = {leaf: [m.sample for m in part if m.leaf == leaf] for leaf in ("state", "effectors")}
+    streams = []
+    for leaf, found in samples.items():
+        good = [s for s in found if s is not None and s.names == found[0].names]  # type: ignore[union-attr]
+        if not good or len(good) < len(found):
+            return None
+        fields = ("values", "rates") if leaf == "state" else ("values",)
+        rows = [[getattr(s, name) for s in good] for name in fields]
+        if any(row is None or len(row) != len(good[0].names) for column in rows for row in column):
+            return None
+        stamps = np.array([s.stamp_ns for s in good], dtype=np.int64)
+        streams.append(Stream(stamps, good[0].names, tuple(np.array(column) for column in rows)))
+    return pair_block(gate, streams[0], streams[1], np.array([m.leaf == "state" for m in part]))
 
 
 def _paired(inputs: Iterable[Input], gate: Synchronizer, examples: dict[str, str]) -> Iterator[PairedSample]:
@@ -124,31 +152,33 @@ def _paired(inputs: Iterable[Input], gate: Synchronizer, examples: dict[str, str
             yield paired
 
 
-def _blocks(samples: Iterable[PairedSample]) -> Iterator[list[PairedSample]]:
-    """Yield samples some at a time; one that starts anew begins a block."""
-    block: list[PairedSample] = []
+def _grouped(samples: Iterable[PairedSample]) -> Iterator[PairedBlock]:
+    """Yield samples in a row as blocks; one that starts anew begins a block."""
+    group: list[PairedSample] = []
     for sample in samples:
-        if block and (sample.restarted or len(block) == _BLOCK):
-            yield block
-            block = []
-        block.append(sample)
-    if block:
-        yield block
+        if group and sample.restarted:
+            yield _joined(group)
+            group = []
+        group.append(sample)
+    if group:
+        yield _joined(group)
 
 
-def _identify(identifier: Identifier, block: list[PairedSample], found: Recomputed, every: int) -> None:
-    if block[0].restarted:
+def _joined(group: list[PairedSample]) -> PairedBlock:
+    x, xdot, delta = (np.array([getattr(s, name) for s in group]) for name in ("x", "xdot", "delta"))
+    return PairedBlock(group[0].restarted, np.array([s.stamp for s in group], dtype=np.int64), x, xdot, delta)
+
+
+def _identify(identifier: Identifier, block: PairedBlock, found: Recomputed, every: int) -> None:
+    if block.restarted:
         identifier.reset()
-    x, xdot, delta = (np.array([getattr(s, name) for s in block]) for name in ("x", "xdot", "delta"))
-    found.samples.append((x, xdot, delta))
-    time = np.array([s.time for s in block])
-    run = identifier.run(time, x, xdot, delta, every)
-    stamps = [s.stamp for s in block]
+    found.samples.append((block.x, block.xdot, block.delta))
+    time: Array = block.stamps.astype(np.float64) * 1e-9
+    run = identifier.run(time, block.x, block.xdot, block.delta, every)
+    stamps = block.stamps.tolist()
     errors, statistics = (np.concatenate(part) for part in zip(*run.signals, strict=True))
     found.signals += list(zip(stamps, zip(errors, statistics, strict=True), strict=True))
     for estimate in run.estimates:
         stamp = stamps[int(np.searchsorted(time, estimate.time))]
         found.models.add(stamp, estimate)
         found.events += [(stamps[int(np.searchsorted(time, e.time))], e) for e in estimate.events]
-    dithers = [blocks.at(k) for blocks in run.dithers for k in range(len(blocks.delta))]
-    found.dithers += list(zip(stamps, dithers, strict=True))

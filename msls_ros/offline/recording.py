@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Generic, NamedTuple, TypeVar
@@ -120,8 +120,7 @@ def record_of(bag: Path, namespace: str | None, progress: Callable[[float], None
     reader = open_any(bag)
     streams = _Streams(reader)
     for batch in reader.batches():
-        for message in batch:
-            streams.take(message)
+        streams.take(batch)
         progress(reader.progress)
     streams.finish()
     prefix = _aircraft(bag, streams, namespace, sorted(reader.topics))
@@ -144,6 +143,7 @@ class _Streams:
     def __init__(self, reader: AnyReader) -> None:
         self._reader = reader
         self._decoders: dict[str, SampleDecoder] = {}
+        self._samples: dict[str, Iterator[Sample] | None] = {}
         self._places: dict[str, tuple[str, str] | None] = {}
         self._bad: dict[str, list[str]] = {}
         self._expected = reader.summary.counts if reader.summary is not None else {}
@@ -154,8 +154,17 @@ class _Streams:
         self.models: dict[str, Thinned[Any]] = {}
         self.diagnostics: dict[str, dict[str, str]] = {}
 
-    def take(self, message: BagMessage) -> None:
-        """Decode a message that matters and put it where it belongs."""
+    def take(self, batch: list[BagMessage]) -> None:
+        """Decode the messages that matter and put them where they belong; samples all at once where they are alike."""
+        topics = {message.topic: message.msgtype for message in batch}
+        for topic in [topic for topic, kind in topics.items() if (_place(topic, kind) or ("", ""))[1] in _SAMPLES]:
+            decoder = self._decoders.setdefault(topic, SampleDecoder(topics[topic]))
+            block = decoder.decode_block([message.data for message in batch if message.topic == topic])
+            self._samples[topic] = iter(block.samples()) if block is not None else None
+        for message in batch:
+            self._take(message)
+
+    def _take(self, message: BagMessage) -> None:
         self.counts[message.topic] += 1
         if message.topic not in self._places:
             self._places[message.topic] = _place(message.topic, message.msgtype)
@@ -172,10 +181,10 @@ class _Streams:
     def _put(self, place: tuple[str, str], message: BagMessage) -> None:
         prefix, leaf = place
         if leaf in _SAMPLES:
-            decoder = self._decoders.setdefault(message.topic, SampleDecoder(message.msgtype))
-            inputs = self.inputs.setdefault(prefix, [])
+            inputs, ready = self.inputs.setdefault(prefix, []), self._samples[message.topic]
             try:
-                inputs.append(Input(leaf, message.stamp_ns, decoder.decode(message.data), ""))
+                sample = next(ready) if ready is not None else self._decoders[message.topic].decode(message.data)
+                inputs.append(Input(leaf, message.stamp_ns, sample, ""))
             except BagError as error:
                 inputs.append(Input(leaf, message.stamp_ns, None, str(error)))
                 raise

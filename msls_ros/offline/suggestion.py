@@ -18,6 +18,10 @@ from msls_ros.inputs.series import Record
 from msls_ros.offline.inspection import read_record
 from msls_ros.offline.servos import TRAVEL, Surface, ardupilot_surfaces, px4_surfaces
 
+_LEAST_CLOCK = 20.0
+"""Rate from which deflections give the instants of the samples [Hz]; slower ones are interpolated."""
+_SLOWER = 0.8
+"""They do so where they are slower than this share of the rate of the angular velocity."""
 _LOOK = 40_000
 """Messages that are read to measure rates and speed."""
 _ASSUMED = (
@@ -256,6 +260,11 @@ def _render(draft: Draft, record: Record) -> str:
     for alias, times in record.topics.items():
         steps = np.diff(times.stamps)
         rates[alias] = 1e9 / float(np.median(steps[steps > 0])) if (steps > 0).any() else 1.0
+    servos = {surface.line.split()[0] for surface in draft.effectors.values()}
+    slow = min(servos, key=lambda alias: rates[alias])
+    if _LEAST_CLOCK <= rates[slow] < _SLOWER * rates[draft.clock]:
+        draft.clock = slow
+        draft.assumed.append("samples are taken when a deflection was recorded: between two of them it is not known")
     used = {line.split()[0] for line in (*draft.lines.values(), *(s.line for s in draft.effectors.values()))}
     held = {line.split()[0] for line in draft.lines.values() if "hold=true" in line}
     slowest = min((rates[alias] for alias in used - held), default=10.0)

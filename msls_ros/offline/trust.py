@@ -106,9 +106,10 @@ def _equation(name: str, time: Array, y: Array, error: Array, step: int) -> Equa
     spread = float(np.var(y))
     r2 = 1.0 - float(np.mean(np.square(error))) / spread if spread > 0.0 else 0.0
     centred = error - error.mean()
-    power = float(centred @ centred)
+    power = float(np.sum(centred * centred))
     k = len(centred)
-    lags = [float(centred[:-n] @ centred[n:]) / power if power > 0.0 else 1.0 for n in range(1, min(_LAGS, k - 1) + 1)]
+    products = [np.sum(centred[:-n] * centred[n:]) for n in range(1, min(_LAGS, k - 1) + 1)]
+    lags = [float(product) / power if power > 0.0 else 1.0 for product in products]
     white = float(np.mean(np.abs(lags) < _BAND / np.sqrt(k)))
     return Equation(name, time[::step], y[::step], (y - error)[::step], r2, white, spread > 0.0)
 

@@ -34,12 +34,18 @@ class Drawn:
 
 def trust_sentences(trust: Trust) -> list[str]:
     """Return in words how well the flight is predicted and how the model agrees with a batch estimate."""
-    r2 = [e.r2 for e in trust.equations if e.excited]
+    r2 = [e.r2 for e in trust.equations if e.excited and e.r2 > 0.0]
     sentences = []
     if r2:
         sentences.append(
             f"One sample ahead the model predicts {100.0 * min(r2):.1f} to {100.0 * max(r2):.1f} % of the variance of "
             "the measured derivatives, equation by equation."
+        )
+    missed = [derivative(e.name) for e in trust.equations if e.excited and e.r2 <= 0.0]
+    if missed:
+        sentences.append(
+            f"Not predicted, the mean is closer: {', '.join(missed)}. Reliable numbers may still be right there: the "
+            "constant and what is not excited take part in a prediction."
         )
     if trust.batch_span is not None and trust.compared:
         begin, end = trust.batch_span

@@ -32,7 +32,9 @@ class Report:
     parameters: list[str] = field(default_factory=list)
     """Which were shown."""
     sections: list[str] = field(default_factory=list)
-    figures: list[str] = field(default_factory=list)
+    figures: list[charts.Drawn] = field(default_factory=list)
+    marks: Marks = field(default_factory=lambda: Marks((0.0, 1.0)))
+    """Of all figures."""
 
 
 def make_report(flight: Recorded, wanted: Sequence[str] = ()) -> Report:
@@ -73,7 +75,7 @@ class _Builder:
         alarms, changes = [e.time for e in flight.alarms], [c.time for c in self.changes]
         self.marks = Marks(flight.span, alarms, changes, [*alarms, *changes])
         self.sections: list[Section] = []
-        self.figures: list[str] = []
+        self.figures: list[charts.Drawn] = []
 
     def build(self) -> Report:
         self._trust()
@@ -97,7 +99,7 @@ class _Builder:
         )
         names = [f"{p.row}/{p.column}" for p in self.parameters]
         html = page.render(head, self.sections)
-        return Report(html, sentences, names, [s.anchor for s in self.sections], self.figures)
+        return Report(html, sentences, names, [s.anchor for s in self.sections], self.figures, self.marks)
 
     def _add(self, anchor: str, title: str, body: str) -> None:
         if body:
@@ -106,7 +108,7 @@ class _Builder:
     def _draw(self, drawn: charts.Drawn | None, columns: int = 1) -> str:
         if drawn is None or not drawn.panels:
             return ""
-        self.figures.append(drawn.name)
+        self.figures.append(drawn)
         return chart(drawn.name, drawn.title, drawn.caption, drawn.panels, self.marks, columns)
 
     def _trust(self) -> None:

@@ -70,9 +70,9 @@ def render(head: Head, sections: Sequence[Section]) -> str:
 <nav aria-label="Contents"><ul><li><a href="#verdict">Verdict</a></li>{contents}</ul></nav>
 <main>
 {body}{notes}</main>
-<footer>All charts share one time. A click chooses a chart; then the wheel or + and − zoom, dragging moves, arrows
-move the cursor (faster with Shift), 0 shows all; two fingers zoom. Made by msls_ros; this file is complete in
-itself.</footer>
+<footer><span class="live">All charts share one time. A click chooses a chart; then the wheel or + and − zoom, dragging
+moves, arrows move the cursor (faster with Shift), 0 shows all; two fingers zoom.</span> Made by msls_ros; this file is
+complete in itself.</footer>
 <script>{SCRIPT}</script>
 </body>
 </html>

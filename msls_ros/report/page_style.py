@@ -21,9 +21,9 @@ STYLE = f"""
 :root {{ color-scheme: light dark; --ink: #1d2733; --muted: #55616e; --rule: #dfe4ea; --paper: #fff; --ground: #f5f7f9;
   --blue: #005f99; --good: #d9edf8; --once: #f1f4f7; --note: #fff6e0; --edge: #e0c27a; --alarm: #b0357f;
   {_palette(_LIGHT)} }}
-@media (prefers-color-scheme: dark) {{ :root {{ --ink: #e4e9ee; --muted: #a2adb9; --rule: #37414c; --paper: #1a2028;
-  --ground: #12161b; --blue: #6cbff0; --good: #17384c; --once: #242c36; --note: #3a3116; --edge: #86702d;
-  --alarm: #f08ac4; {_palette(_DARK)} }} }}
+@media screen and (prefers-color-scheme: dark) {{ :root {{ --ink: #e4e9ee; --muted: #a2adb9; --rule: #37414c;
+  --paper: #1a2028; --ground: #12161b; --blue: #6cbff0; --good: #17384c; --once: #242c36; --note: #3a3116;
+  --edge: #86702d; --alarm: #f08ac4; {_palette(_DARK)} }} }}
 * {{ box-sizing: border-box; }}
 html {{ scroll-padding-top: 3.4rem; }}
 body {{ margin: 0; background: var(--ground); color: var(--ink); overflow-wrap: break-word;
@@ -66,7 +66,7 @@ figcaption strong {{ color: var(--ink); }} figcaption span {{ white-space: nowra
 .head {{ display: flex; flex-wrap: wrap; gap: 0 1rem; font-size: .88rem; }}
 .head em {{ font-style: normal; font-weight: 600; }}
 .head b {{ font-variant-numeric: tabular-nums; color: var(--blue); display: inline-block; min-width: 3.2em; }}
-html:not(.live) .head b {{ display: none; }}
+html:not(.live) .head b, html:not(.live) span.live {{ display: none; }}
 svg.key {{ width: 26px; height: 6px; vertical-align: middle; margin-right: .3rem; overflow: visible; }}
 .frame {{ display: flex; }}
 .ys {{ position: relative; width: 3.4rem; flex: none; font-size: .8rem; color: var(--muted); }}
@@ -97,9 +97,11 @@ summary {{ cursor: pointer; color: var(--blue); margin: .3rem 0; }}
 footer {{ color: var(--muted); font-size: .88rem; padding-bottom: 2.5rem; }}
 @media (max-width: 500px) {{ header, main, footer {{ padding-left: 10px; padding-right: 10px; }}
   section {{ padding-left: 12px; padding-right: 12px; }} nav ul {{ padding-left: 10px; }} .plot {{ height: 130px; }}
+  table:not(.map) td:last-child:not(.n) {{ min-width: 15rem; }}
   .ys {{ width: 2.9rem; }} .xs {{ margin-left: 2.9rem; }} .verdict {{ font-size: 1.05rem; padding: .6rem .8rem; }} }}
-@media print {{ :root {{ color-scheme: light; }} nav, .cursor {{ display: none !important; }}
-  body {{ background: #fff; }}
+@media print {{ :root {{ color-scheme: light; }} nav, .cursor, span.live {{ display: none !important; }}
+  html {{ font-size: 12px; }} body {{ background: #fff; font-size: 1rem; }} .plot {{ height: 110px; }}
   section {{ border: 0; padding: 0; }} .panel, tr {{ break-inside: avoid; }} .scroll {{ overflow: visible; }}
-  table.map {{ font-size: .62rem; }} table.map td {{ min-width: 0; padding: .1rem .2rem; }} }}
+  h2, h3, figcaption {{ break-after: avoid; break-inside: avoid; }} .panels.c2 {{ grid-template-columns: 1fr 1fr; }}
+  th {{ white-space: normal; }} table.map td {{ min-width: 0; padding: .1rem .2rem; }} }}
 """

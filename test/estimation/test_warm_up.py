@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Callable, Iterator
+from importlib.util import module_from_spec, spec_from_file_location
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -15,6 +18,7 @@ from msls_ros.inputs.profiles import config_folder, read_profile
 
 PROFILES = sorted(path.stem for path in config_folder().glob("*.yaml"))
 SAMPLES = 400
+NAME = "made_up_kernels"
 
 
 def flight(configuration: Configuration) -> tuple[Any, Any, Any, Any]:
@@ -64,9 +68,41 @@ def test_no_update_after_the_warm_up_compiles_anything(profile: str, method: str
 @pytest.mark.skipif(not room.HAVE_NUMBA, reason="nothing is compiled without numba")
 def test_a_kernel_is_compiled_where_no_cache_can_be_written(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("no folder")
-    monkeypatch.setattr(room, "_cache_folder", lambda: str(tmp_path / "file" / "cache"))
+    monkeypatch.setattr(room, "_cache_folder", lambda folder: tmp_path / "file" / "cache")
     monkeypatch.setattr(room, "KERNELS", [])
-    space: dict[str, Any] = {}
-    exec("def twice(x: float) -> float:\n    return 2.0 * x\n", space)  # of no file: nothing can be cached beside it
-    twice = room.compiled(space["twice"])
+    twice = room.compiled(_kernel(tmp_path / "clone", "2.0"))
     assert twice(2.0) == 4.0 and [twice] == room.KERNELS
+    assert cast(Any, twice).stats.cache_path is None
+
+
+def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    numba: Any = pytest.importorskip("numba")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path / "kept"))
+    before = dict(vars(numba.config))
+    found = []
+    for clone, factor in (("one", "2.0"), ("two", "2.0"), ("three", "3.0")):
+        kernel: Any = room.compile_kept(_kernel(tmp_path / clone, factor), room.OPTIONS)
+        found.append((kernel(2.0), sum(kernel.stats.cache_hits.values())))
+    assert found == [(4.0, 0), (4.0, 1), (6.0, 0)]
+    assert dict(vars(numba.config)) == before, "numba's settings of others are as they were"
+
+
+def _kernel(clone: Path, factor: str) -> Callable[[float], float]:
+    """Return a function of a clone; what it says is in another file of its room."""
+    folder = clone / "room"
+    folder.mkdir(parents=True)
+    (folder / "numbers.py").write_text(f"FACTOR = {factor}\n")
+    (folder / "kernels.py").write_text("FACTOR = 0.0\ndef times(x):\n    return FACTOR * x\n")
+    spec = spec_from_file_location(NAME, folder / "kernels.py")
+    assert spec is not None and spec.loader is not None
+    sys.modules[NAME] = module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    vars(module)["FACTOR"] = float(factor)
+    function: Callable[[float], float] = module.times
+    return function
+
+
+@pytest.fixture(autouse=True)
+def _forget() -> Iterator[None]:
+    yield
+    sys.modules.pop(NAME, None)

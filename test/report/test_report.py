@@ -101,7 +101,7 @@ def bag(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def whole(bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Made:
     out = tmp_path_factory.mktemp("report")
-    arguments = report.parser().parse_args([str(bag), "--out", str(out)])
+    arguments = report.parser().parse_args([str(bag), "--out", str(out), "--png", str(out / "png")])
     return Made(report.run(arguments), out / report.PAGE)
 
 
@@ -111,6 +111,9 @@ def test_a_whole_flight_gets_every_section_in_the_order_of_the_readers_questions
         "configuration", "numbers",
     ]  # fmt: skip
     assert whole.figures == {"trust", "changes", "parameters", "flight", "detection", "dither"}
+    images = [Path(path) for path in whole.summary["png"]]
+    assert {image.stem for image in images} == whole.figures
+    assert all(image.read_bytes().startswith(b"\x89PNG") for image in images)
     page = whole.page
     assert page.unbalanced == []
     assert len(page.ids) == len(set(page.ids))

@@ -1,0 +1,405 @@
+"""Losses of surfaces: a generalised likelihood ratio test over seconds, in the one direction that each loss has.
+
+The test of `bank_detection` sees a change within a few samples where it jumps out of the noise. Where noise hides the
+jump, or smoothed inputs spread it, evidence has to be gathered; and one knows what to look for: if a surface keeps a
+share 1 + c of its effect, the effectors' columns of every row q change by ``c a_q``, with ``a_q`` known (`surfaces`).
+Let ``R`` be the factor of a member with a short memory, ``D_q = theta_member - theta_reference`` the difference from
+the estimates of some time ago, all without the constant, and ``n_q`` the variance of row q's residual. Then::
+
+    c_q = a_q' R'R D_q / a_q' R'R a_q,      v_q = n_q / (2 a_q' R'R a_q) + (relative standard error of the effect)^2
+    c = sum(c_q / v_q) / sum(1 / v_q),      z = -c / sqrt(1 / sum(1 / v_q) + tolerance^2)
+
+``R'R D`` is what the member's residuals by the old estimates have in common with the regressors: the matched filter of
+the loss, all else being what it was. A loss is seen when, a few times in a row, z exceeds its limit and c is the loss
+of a good part, explains most of all that has changed (``sum D' R'R D / n``), and more than any other surface and than
+any single state would. Only what has a direction of its own alarms: model errors that no surface explains do not.
+
+Then nothing is thrown away but what is known of that one direction (`forget_direction`): the estimates move by c, and
+the factors lose their information along a, so that it is learnt anew with all else known.
+
+References
+----------
+Willsky and Jones, "A generalized likelihood ratio approach to the detection and estimation of jumps in linear systems",
+IEEE Trans. Automatic Control 21 (1976). Basseville and Nikiforov, *Detection of Abrupt Changes*, 1993, chapter 7.
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank import find_information
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_uncertainty import long_run_factor
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array, Integers
+
+LIMIT = 4.0
+"""Standard errors by which an effect must be less than before."""
+IN_A_ROW = 3
+"""So many times."""
+EVERY = 2
+"""It is tested at every so manieth sample."""
+LEAST, MOST = 0.25, 1.3
+"""What a loss takes away at least to be seen, and can at most, of the effect [1]."""
+TOLERANCE = 0.05
+"""Standard error of c that no data remove: effects are not wholly linear [1]."""
+FLOOR = 0.03
+"""Share of the remembered energy of an output that is model error [1, rms]."""
+EXPLAINED = 0.4
+"""Least share of the change that the loss explains."""
+APART = 9.0
+"""By how much it explains more than the next."""
+KNOWN = 0.5
+"""Largest relative standard error of an effect that can be seen to be lost."""
+ROOM = 1.5
+"""The residual variance of now counts no more than so many times that of before."""
+
+
+@compiled
+def keep_reference(s: BankSettings, x: BankState) -> None:
+    """Keep the estimates of now and their errors, every `BankSettings.stride` samples."""
+    if x.samples[0] % s.stride != 0:
+        return
+    slot = x.kept[0] % x.kept_theta.shape[0]
+    copy_rows(x.mixed, x.kept_theta[slot])
+    copy_rows(x.square, x.kept_square[slot])
+    for q in range(x.mixed.shape[0]):
+        if x.age[x.group[q]] < 4 * x.mixed.shape[1]:  # few samples: what is known then is no reference yet
+            for i in range(x.mixed.shape[1]):
+                x.kept_square[slot, q, i] = math.inf
+    x.kept[0] += 1
+
+
+@compiled
+def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
+    """Test all surfaces; return the one whose loss is seen, negative for none; `BankWork.change` says how much.
+
+    Where one is seen, the reference is kept as what was known before (`BankState.theta_before`) of the rows concerned,
+    which are marked in ``work.concerned``.
+    """
+    for q in range(x.group.shape[0]):
+        work.concerned[q] = 1 if x.waiting[x.group[q]] == 0 else 0
+    for a in range(s.loss_members.shape[0]):
+        back = s.loss_delays[a]
+        if x.kept[0] - x.kept[1] <= back:
+            continue
+        slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
+        before, square = x.kept_theta[slot], x.kept_square[slot]
+        excess = compare_surfaces(s, x, s.loss_members[a], before, square, work)
+        k = find_loss(work, excess)
+        x.run[a] = x.run[a] + 1 if k >= 0 and k == x.suspect[a] else (1 if k >= 0 else 0)
+        x.suspect[a] = k
+        if x.run[a] >= IN_A_ROW:
+            for q in range(x.group.shape[0]):
+                gain = work.change[k] * work.change[k] * work.information[q, k]
+                work.concerned[q] = 1 if gain > 1.0 else 0
+                if gain > 1.0 and x.pending[q] == 0:
+                    x.pending[q] = 1
+                    for i in range(before.shape[1]):
+                        x.theta_before[q, i] = before[q, i]
+                        x.square_before[q, i] = square[q, i]
+            return k
+    return -1
+
+
+@compiled
+def find_loss(work: BankWork, excess: float) -> int:
+    """Return the surface whose loss explains what changed, after `compare_surfaces`; negative: none does."""
+    best = 0
+    second = 0.0
+    for k in range(1, work.change.shape[0]):
+        if work.explained[k] > work.explained[best]:
+            best = k
+    for k in range(work.change.shape[0]):
+        if k != best and work.explained[k] > second:
+            second = work.explained[k]
+    least = max(max(EXPLAINED * excess, second + APART), work.by_state[0])
+    if work.explained[best] <= least or work.deviation[best] <= LIMIT:
+        return -1
+    return best if -MOST <= work.change[best] <= -LEAST else -1
+
+
+@compiled
+def noise_of(s: BankSettings, x: BankState, q: int) -> float:
+    """Variance of row q's residual, corrected for colour, and what of the output is model error; 0: not known yet."""
+    if x.base[q, 1] < s.rest or x.residual[q, 1] <= 0.0:
+        return 0.0
+    usual = x.base[q, 0] / x.base[q, 1]
+    now = ROOM * x.residual[q, 0] / x.residual[q, 1]
+    return float(min(usual, now) * long_run_factor(x, q) + FLOOR * FLOOR * x.remembered[q])
+
+
+@compiled
+def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, square: Array, work: BankWork) -> float:
+    """Compare the estimates of a member with older ones, in the direction of every surface's loss.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    m
+        Member.
+    before, square
+        (r, p) older estimates and their squared standard errors, constant first.
+    work
+        ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
+        ``by_state`` and ``information`` (r, k) are filled in.
+
+    Returns
+    -------
+    float
+        All that has changed, beyond what noise makes.
+    """
+    p = before.shape[1]
+    excess = 0.0
+    for k in range(s.gains.shape[0]):
+        work.change[k] = 0.0
+        work.variance[k] = 0.0
+        work.explained[k] = 0.0
+    for i in range(p):
+        work.by_state[i] = 0.0
+    for q in range(before.shape[0]):
+        n = noise_of(s, x, q) if work.concerned[q] != 0 else 0.0
+        for k in range(s.gains.shape[0]):
+            work.against[q, k] = 0.0
+            work.information[q, k] = 0.0
+        if n <= 0.0:
+            continue
+        R = x.R[x.group[q]]
+        w = work.w
+        for i in range(1, p):
+            w[i] = 0.0
+            for j in range(i, p):
+                w[i] += R[i, j, m] * (x.members[q, j, m] - before[q, j])
+            excess += w[i] * w[i] / n
+        excess -= 0.5 * (p - 1)
+        explain_by_states(s, R, m, n, work)
+        for k in range(s.gains.shape[0]):
+            compare_row(s, R, m, n, before, square, q, k, work)
+    for k in range(s.gains.shape[0]):
+        finish(work, k)
+    for i in range(1, p):
+        work.by_state[0] = max(work.by_state[0], work.by_state[i])
+    return excess
+
+
+@compiled
+def explain_by_states(s: BankSettings, R: Array, m: int, n: float, work: BankWork) -> None:
+    """Add up what a change of a single state's column in each row explains, of ``work.w``."""
+    w = work.w
+    for j in range(1, s.effectors_from + 1):
+        size = 0.0
+        along = 0.0
+        for i in range(1, j + 1):
+            size += R[i, j, m] * R[i, j, m]
+            along += R[i, j, m] * w[i]
+        if size > 0.0:
+            work.by_state[j] = max(work.by_state[j], along * along / size / n)
+
+
+@compiled
+def compare_row(
+    s: BankSettings, R: Array, m: int, n: float, before: Array, square: Array, q: int, k: int, work: BankWork
+) -> None:
+    """Add what row q says of surface k: information, and what speaks for or against a loss."""
+    p = before.shape[1]
+    first = s.effectors_from + 1
+    effect = 0.0
+    error = 0.0
+    for j in range(s.gains.shape[1]):
+        effect += s.shares[k, j] * before[q, first + j]
+        if s.shares[k, j] != 0.0:
+            error += s.shares[k, j] * s.shares[k, j] * square[q, first + j]
+    if not error < KNOWN * KNOWN * effect * effect:
+        return
+    size = 0.0
+    along = 0.0
+    for i in range(1, p):
+        step = 0.0
+        for j in range(s.gains.shape[1]):
+            if s.gains[k, j] != 0.0 and first + j >= i:
+                step += R[i, first + j, m] * s.gains[k, j]
+        size += step * step
+        along += step * work.w[i]
+    if size <= 0.0:
+        return
+    information = effect * effect * size / n
+    weight = 1.0 / (0.5 / information + error / (effect * effect))
+    work.change[k] += weight * effect * along / n / information
+    work.variance[k] += weight
+    work.against[q, k] = effect * along / n
+    work.information[q, k] = information
+
+
+@compiled
+def finish(work: BankWork, k: int) -> None:
+    """Turn the sums of surface k into its change, the variance of that, how many standard errors, what it explains."""
+    total = work.variance[k]
+    work.deviation[k] = 0.0
+    if total <= 0.0:
+        work.change[k] = 0.0
+        work.variance[k] = math.inf
+        return
+    change = work.change[k] / total
+    work.change[k] = change
+    work.variance[k] = 1.0 / total + TOLERANCE * TOLERANCE
+    work.deviation[k] = -change / math.sqrt(work.variance[k])
+    for q in range(work.against.shape[0]):
+        work.explained[k] += 2.0 * change * work.against[q, k] - change * change * work.information[q, k]
+
+
+@compiled
+def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
+    """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone."""
+    for g in range(x.age.shape[0]):
+        inside = 0
+        others = 0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g:
+                inside += work.concerned[q]
+                others += 1 - work.concerned[q]
+        if inside == 0:
+            continue
+        target = g if others == 0 else empty_group(x)
+        if target < 0:
+            target = g
+        if target != g:
+            copy_group(x, g, target)
+        precision = 0.0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g and work.concerned[q] != 0:
+                x.group[q] = target
+                effect = effect_of(s, x.theta_before[q], k)
+                precision = max(precision, effect * effect / noise_of(s, x, q))
+                shift_row(s, x, q, k, effect * (1.0 + work.change[k]))
+        for m in range(s.forgetting.shape[0]):
+            forget_direction(s, x.R[target], m, k, precision, work)
+        find_information(x.R[target], work.V, x.info[target])
+    x.kept[1] = x.kept[0]
+    for a in range(x.run.shape[0]):
+        x.run[a] = 0
+
+
+@compiled
+def empty_group(x: BankState) -> int:
+    """Return a group without rows; negative: there is none."""
+    for g in range(x.age.shape[0]):
+        rows = 0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g:
+                rows += 1
+        if rows == 0:
+            return g
+    return -1
+
+
+@compiled
+def copy_group(x: BankState, g: int, target: int) -> None:
+    """Give another group the history of group g."""
+    for i in range(x.R.shape[1]):
+        copy_rows(x.R[g, i], x.R[target, i])
+    copy_rows(x.info[g], x.info[target])
+    for m in range(x.taken.shape[1]):
+        x.deviation[target, m] = x.deviation[g, m]
+        x.log[target, m] = x.log[g, m]
+        x.taken[target, m] = x.taken[g, m]
+    x.age[target] = x.age[g]
+    x.shared_gate[target] = x.shared_gate[g]
+    x.waiting[target] = x.waiting[g]
+
+
+@compiled
+def copy_rows(of: Array, to: Array) -> None:
+    """Copy a matrix: (n, k) each."""
+    for i in range(of.shape[0]):
+        for j in range(of.shape[1]):
+            to[i, j] = of[i, j]
+
+
+@compiled
+def effect_of(s: BankSettings, theta: Array, k: int) -> float:
+    """Effect of surface k by itself in a row with estimates (p,), constant first."""
+    effect = 0.0
+    for j in range(s.shares.shape[1]):
+        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
+    return effect
+
+
+@compiled
+def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> None:
+    """Give surface k the effect in all estimates of row q, and forget that its effectors were known."""
+    first = s.effectors_from + 1
+    for m in range(x.members.shape[2]):
+        now = 0.0
+        for j in range(s.shares.shape[1]):
+            now += s.shares[k, j] * x.members[q, first + j, m]
+        for j in range(s.gains.shape[1]):
+            x.members[q, first + j, m] += (effect - now) * s.gains[k, j]
+            for n in range(x.past.shape[0]):
+                x.past[n, q, first + j, m] += (effect - now) * s.gains[k, j]
+    step = effect - effect_of(s, x.mixed[q], k)
+    for j in range(s.gains.shape[1]):
+        if s.gains[k, j] != 0.0:
+            x.mixed[q, first + j] += step * s.gains[k, j]
+            x.theta[q, first + j - 1] = x.mixed[q, first + j]
+            x.best_square[q, first + j] = math.inf
+            x.square[q, first + j] = math.inf
+
+
+@compiled
+def forget_direction(s: BankSettings, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
+    """Add ``precision a a'`` to the covariance ``(R'R)^-1`` of member m, a the direction of surface k.
+
+    With ``u = R a`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
+    triangular again by Givens rotations.
+    """
+    p = R.shape[0]
+    first = s.effectors_from + 1
+    u = work.w
+    size = 0.0
+    for i in range(p):
+        u[i] = 0.0
+        for j in range(s.gains.shape[1]):
+            if first + j >= i:
+                u[i] += R[i, first + j, m] * s.gains[k, j]
+        size += u[i] * u[i]
+    if size <= 0.0:
+        return
+    share = (1.0 - 1.0 / math.sqrt(1.0 + precision * size)) / size
+    for j in range(p):
+        along = 0.0
+        for i in range(j + 1):
+            along += u[i] * R[i, j, m]
+        for i in range(p):
+            R[i, j, m] -= share * u[i] * along
+    triangulate(R, m)
+
+
+@compiled
+def triangulate(R: Array, m: int) -> None:
+    """Make the factor of member m, (p, p, m), upper triangular with a positive diagonal again."""
+    p = R.shape[0]
+    for j in range(p):
+        for i in range(j + 1, p):
+            a = R[j, j, m]
+            b = R[i, j, m]
+            r = math.sqrt(a * a + b * b)
+            if r > 0.0:
+                for n in range(j, p):
+                    top = R[j, n, m]
+                    low = R[i, n, m]
+                    R[j, n, m] = (a * top + b * low) / r
+                    R[i, n, m] = (a * low - b * top) / r
+            R[i, j, m] = 0.0
+        if R[j, j, m] < 0.0:
+            for n in range(j, p):
+                R[j, n, m] = -R[j, n, m]
+
+
+@compiled
+def mark_alarm(s: BankSettings, x: BankState, k: int, work: BankWork, statistic: Array, alarm: Integers) -> None:
+    """Raise the alarm of the rows concerned, their statistic in units of its own limit."""
+    for q in range(alarm.shape[0]):
+        if work.concerned[q] != 0:
+            alarm[q] = 1
+            statistic[q] = max(statistic[q], s.threshold * work.deviation[k] / LIMIT)

@@ -1,0 +1,102 @@
+"""Losses that noise hides: the test in the direction of every surface, and forgetting in that direction alone."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from estimation.test_bank import PERIOD, SMALL, uniform
+from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
+from msls_ros.estimation.bank_losses import compare_surfaces, forget_direction
+from msls_ros.estimation.kernel import Array
+
+FAULT = 250
+NOISE = 0.5
+"""As large as what half of the effector does to P."""
+
+
+def noisy(seed: int, left: float = 0.5, n: int = 450) -> tuple[Array, Array, Array, Array]:
+    """Return a flight in which an effector keeps a share of its effects on P and R; one-step errors do not show it."""
+    x, delta = 0.25 * uniform(n, 3, seed), 0.125 * uniform(n, 2, seed + 1)
+    xdot = NOISE * uniform(n, 3, seed + 2) * np.array([1.0, 1.0, 0.25])
+    share = np.where(np.arange(n) < FAULT, 1.0, left)
+    xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * share * delta[:, 0]
+    xdot[:, 1] += -1.0 * x[:, 1] - 4.0 * delta[:, 1]
+    xdot[:, 2] += -0.5 * x[:, 2] + 2.0 * share * delta[:, 0]
+    return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
+
+
+def events_of(identifier: Identifier, flight: tuple[Array, ...]) -> list[FaultEvent]:
+    return [event for estimate in identifier.run(*flight).estimates for event in estimate.events]
+
+
+def test_half_an_effector_lost_in_noise_is_seen_and_named_with_an_honest_share() -> None:
+    named, off = 0, []
+    for seed in range(100, 140, 4):
+        events = events_of(Identifier(from_mapping(SMALL)), noisy(seed))
+        alarm = next(e for e in events if e.kind == EventKind.DETECTED)
+        assert 0.0 < alarm.time - PERIOD * FAULT < 3.0
+        assert alarm.statistic[0] > alarm.threshold[0]
+        for event in (e for e in events if e.kind == EventKind.ISOLATED):
+            assert event.suspected_effector == "da"
+            off.append(abs(event.effectiveness - 0.5) / event.effectiveness_std)
+            named += 1
+    assert named >= 9
+    assert np.median(off) < 1.5 and max(off) < 3.0
+
+
+def test_it_is_this_test_that_sees_it() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    identifier._regression.settings = identifier._regression.settings._replace(  # type: ignore[call-arg]
+        gains=np.zeros((0, 2)), shares=np.zeros((0, 2))
+    )
+    assert events_of(identifier, noisy(100)) == []
+
+
+def test_nothing_is_alarmed_where_nothing_breaks() -> None:
+    for seed in range(200, 240, 4):
+        assert events_of(Identifier(from_mapping(SMALL)), noisy(seed, left=1.0)) == []
+
+
+def test_what_is_known_of_everything_else_is_kept() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    estimates = identifier.run(*noisy(100)).estimates
+    k = next(i for i, e in enumerate(estimates) if any(v.kind == EventKind.DETECTED for v in e.events))
+    before, after = estimates[k - 1], estimates[k + 1]
+    assert after.a_std[0, 0] < 1.2 * before.a_std[0, 0]
+    assert after.b_std[0, 0] > 2.0 * before.b_std[0, 0]
+    assert after.b[0, 0] < 0.75 * before.b[0, 0]
+    assert estimates[-1].b[0, 0] == pytest.approx(4.0, abs=3.0 * estimates[-1].b_std[0, 0])
+
+
+def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    identifier.run(*noisy(100, n=200))
+    engine = identifier._regression
+    s, R = engine.settings, engine.state.R[0].copy()  # type: ignore[union-attr]
+    precision, direction = 0.3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    for m in range(R.shape[2]):
+        before = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
+        forget_direction(s, R, m, 0, precision, engine._work)  # type: ignore[arg-type, union-attr]
+        assert (np.tril(R[:, :, m], -1) == 0.0).all() and (np.diagonal(R[:, :, m]) > 0.0).all()
+        after = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
+        assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-9, abs=1e-12)
+
+
+def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    identifier.run(*noisy(100, n=240))
+    engine = identifier._regression
+    s, x, work = engine.settings, engine.state, engine._work  # type: ignore[union-attr]
+    member, row, column = int(s.recent), 0, 4  # type: ignore[union-attr]
+    before = x.mixed.copy()
+    before[row, column] *= 1.25
+    work.concerned[:] = [1, 0, 0]  # type: ignore[union-attr]
+    compare_surfaces(s, x, member, before, 1e-12 * np.ones_like(before), work)  # type: ignore[arg-type]
+    R = x.R[0, 1:, 1:, member]
+    a = np.zeros(5)
+    a[column - 1] = before[row, column]
+    difference = x.members[row, 1:, member] - before[row, 1:]
+    expected = a @ R.T @ R @ difference / (a @ R.T @ R @ a)
+    assert work.change[0] == pytest.approx(expected, rel=1e-9)  # type: ignore[union-attr]
+    assert work.change[0] == pytest.approx(-0.2, abs=0.1)  # type: ignore[union-attr]
