@@ -77,14 +77,15 @@ def _outputs(bag: Path) -> Iterator[tuple[Any, ...]]:
     for topic in TOPICS:
         for message in reader:
             if message.topic == topic:
-                yield topic, message.stamp_ns, _plain(reader.decode(message))
+                yield topic, message.stamp_ns, plain(reader.decode(message))
 
 
-def _plain(message: Any) -> tuple[Any, ...]:
+def plain(message: Any) -> tuple[Any, ...]:
+    """Return a decoded message as what compares equal where every bit of it does."""
     found: list[Any] = []
     for value in vars(message).values():
         if hasattr(value, "__msgtype__"):
-            found.append(_plain(value))
+            found.append(plain(value))
         elif isinstance(value, np.ndarray):
             found.append(value.tobytes())
         else:

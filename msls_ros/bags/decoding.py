@@ -42,6 +42,7 @@ class TypeDecoders:
         extra = list(definition_paths)
         self._elsewhere = Definitions(extra) if extra else default_definitions()
         self._stores: dict[str, Typestore] = {}
+        self._damaged: dict[str, str] = {}
         self.refused: set[str] = set()
 
     def decode(self, message: BagMessage, topic: Topic | None) -> Any:
@@ -143,6 +144,8 @@ class TypeDecoders:
         return message._replace(data=data)
 
     def _store(self, msgtype: str, topic: Topic | None) -> Typestore:
+        if msgtype in self._damaged:  # to find that out once is dear enough
+            raise BagError(self._damaged[msgtype])
         if topic is None or topic.definition is None:
             self._elsewhere.require(msgtype)
             store = self._elsewhere.store
@@ -155,11 +158,12 @@ class TypeDecoders:
                 check_types(msgtype, types)
                 store.register(types)
                 store.get_msgdef(msgtype)
-            except BagError:
+            except BagError as error:
+                self._damaged[msgtype] = str(error)
                 raise
             except Exception as error:  # a parser and a generator of code, which fail in many ways
                 what = (str(error).splitlines() or [""])[0][:200] or type(error).__name__
-                msg = f"{msgtype}: the bag holds a damaged definition of this type: {what}"
+                msg = self._damaged[msgtype] = f"{msgtype}: the bag holds a damaged definition of this type: {what}"
                 raise BagError(msg) from error
         self._stores[msgtype] = store
         return store

@@ -20,7 +20,6 @@ from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import (
     LARGEST_ESTIMATE,
     LARGEST_VARIANCE,
-    MISFIT,
     NOT_FINITE,
     SOUND,
     all_within,
@@ -104,17 +103,18 @@ def advance_bank(
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
-        out.restart[n] = judge_soundness(x, y[n], out.e[n])
+        out.restart[n] = judge_soundness(x, work.phi, y[n], out.e[n])
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
 
 
 @compiled
-def judge_soundness(x: BankState, y: Array, e: Array) -> int:
+def judge_soundness(x: BankState, phi: Array, y: Array, e: Array) -> int:
     """Say whether, and why, everything is to be forgotten after a sample; see `soundness`."""
-    if count_misfits(x.misfits, y, e) >= 2 * x.theta.shape[1]:
-        return MISFIT
+    verdict = count_misfits(x.misfits, phi, y, e)
+    if verdict != SOUND:
+        return verdict
     if not all_within(x.theta, LARGEST_ESTIMATE) or not all_within(x.known, LARGEST_VARIANCE):
         return NOT_FINITE
     return SOUND

@@ -10,6 +10,13 @@ with the one before. With exponential weights f this file sums, per row and colo
     colour[2] = sum f^(n-k) l_k         / sqrt(s_k s_(k-1)) predicted one
 
 The autocorrelation is the coefficient for which the last two agree.
+
+**Bursts.** Where the estimates remember longer than the variance of the residual, a burst of wrong samples stays in the
+estimates when it is gone from the variance. With what the gains K have made of it since, by Cauchy and Schwarz::
+
+    |bias_i| = |sum_burst (Psi K_k)_i v_k|  <=  sqrt(sum_burst lambda^(2(n-k)) v_k^2) sqrt(P_ii),    v^2 = e^2/s
+
+so the squared residuals of bursts, forgotten as the estimates forget them, are added to the variance.
 """
 
 from __future__ import annotations
@@ -18,7 +25,15 @@ import math
 
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Work, propagate_covariance
+from msls_ros.estimation.soundness import FAR
 from msls_ros.estimation.state import Settings, State
+
+LASTING = 0.999
+"""Forgetting factor from which a burst is remembered much longer than the variance of the residual [1]."""
+UNLIKELY = 25.0
+"""Squared residual over its variance that is one of a burst, there [1]."""
+SETTLED = 10.0
+"""Samples of the residual's variance before that."""
 
 
 @compiled
@@ -64,6 +79,23 @@ def observe_residual(s: Settings, x: State, q: int, g: int, e: float, variance: 
             x.colour[q, m, 0] = f * x.colour[q, m, 0] + e * e / variance[m]
             x.colour[q, m, 1] = f * x.colour[q, m, 1] + e * x.e[q] / norm
             x.colour[q, m, 2] = f * x.colour[q, m, 2] + lag[m] / norm
+
+
+@compiled
+def remember_burst(s: Settings, x: State, q: int, g: int, e: float, variance: float) -> None:
+    """Add a residual of row q to those of bursts, where it is one; forget them as the estimates do.
+
+    It is one beyond what aircraft do, and, where the estimates hardly forget, beyond its own variance.
+    """
+    kept = s.forgetting * s.forgetting * x.burst[q]
+    if x.age[g] > x.theta.shape[1]:
+        square = e * e / variance if variance > 0.0 else 0.0
+        far = square > FAR * FAR
+        if s.forgetting >= LASTING and x.weight[q, 0] >= SETTLED:
+            far = far or square > UNLIKELY * x.residual[q, 0] / x.weight[q, 0]
+        if far:
+            kept += square
+    x.burst[q] = kept if kept > 1e-30 else 0.0
 
 
 @compiled
@@ -133,7 +165,7 @@ def noise_errors(x: State, q: int, weights: Array, variances: Array, errors: Arr
         square = 0.0
         for m in range(weights.shape[0]):
             if weights[m] > 0.0:
-                square += weights[m] * variances[m] * x.P[g, m, i, i]
+                square += weights[m] * (variances[m] + x.burst[q]) * x.P[g, m, i, i]
         errors[i] = 0.0 if square < 0.0 else math.sqrt(square)
         if x.weight[q, 0] <= 0.0:
             errors[i] = math.inf

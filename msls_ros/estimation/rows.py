@@ -19,11 +19,10 @@ from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.detection import sense_change
 from msls_ros.estimation.kernel import Array, Integers, Work, inverse_diagonal, msls_gain, rls_gain
 from msls_ros.estimation.reference import follow_reference
-from msls_ros.estimation.residuals import observe_residual, propagate_autocorrelated
+from msls_ros.estimation.residuals import observe_residual, propagate_autocorrelated, remember_burst
 from msls_ros.estimation.soundness import (
     LARGEST_ESTIMATE,
     LARGEST_VARIANCE,
-    MISFIT,
     NOT_FINITE,
     SOUND,
     all_within,
@@ -79,18 +78,19 @@ def advance(
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = x.theta[s.followed_row, s.followed_column]
-        out.restart[n] = judge_soundness(s, x, y[n], out.e[n])
+        out.restart[n] = judge_soundness(s, x, phi[n], y[n], out.e[n])
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
 
 
 @compiled
-def judge_soundness(s: Settings, x: State, y: Array, e: Array) -> int:
+def judge_soundness(s: Settings, x: State, phi: Array, y: Array, e: Array) -> int:
     """Say whether, and why, everything is to be forgotten after a sample; see `soundness`."""
     p = x.theta.shape[1]
-    if count_misfits(x.misfits, y, e) >= 2 * p:
-        return MISFIT
+    verdict = count_misfits(x.misfits, phi, y, e)
+    if verdict != SOUND:
+        return verdict
     if not all_within(x.theta, LARGEST_ESTIMATE):
         return NOT_FINITE
     if s.confounded and not all_within(x.reference_theta, LARGEST_ESTIMATE):
@@ -146,6 +146,7 @@ def update_group(s: Settings, x: State, g: int, phi: Array, y: Array, e: Array, 
         theta = x.theta[q]
         for i in range(p):
             theta[i] += work.K[i] * e[q]
+        remember_burst(s, x, q, g, e[q], work.variance[0])
         observe_residual(s, x, q, g, e[q], work.variance, work.lag)
         x.e[q] = e[q]
     for m in range(s.colours.shape[0]):
@@ -192,6 +193,7 @@ def split(s: Settings, x: State, alarm: Integers) -> None:
             x.group[q] = target
             x.filled[q] = 0
             x.hold[q] = s.hold_off
+            x.burst[q] = 0.0
             x.e[q] = math.nan
 
 
@@ -223,7 +225,7 @@ def report_effectors(s: Settings, x: State, b: Array, variance: Array, excitatio
         for j in range(excitation.shape[0]):
             i = s.effectors_from + j
             b[q, j] = x.theta[q, i]
-            square = residual * x.P[g, 0, i, i]
+            square = (residual + x.burst[q]) * x.P[g, 0, i, i]
             if g > 0 and square > b[q, j] * b[q, j]:
                 square = b[q, j] * b[q, j]
             variance[q, j] = square

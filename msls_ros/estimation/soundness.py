@@ -10,8 +10,12 @@ So after each sample it is looked whether
 
       |e| > 30 [m/s^2, rad/s^2]   and   |e| > 10 |y|
 
-A row with such an error is not called reliable at once. Neither happens in ordinary flight; the estimates of such a
-flight keep their bits.
+- a sample was absurd: a regressor or an output larger than 1e6 in SI units, which is of no aircraft. What such a sample
+  leaves looks like knowledge (it pins what it multiplies), so after 2p samples without one all is learnt anew.
+
+A row with such an error, and every row from an absurd sample on, is not called reliable at once. None of it happens in
+ordinary flight; the estimates of such a flight keep their bits. Bursts of less widen the error bars as long as they are
+remembered, see `residuals.remember_burst`.
 """
 
 from __future__ import annotations
@@ -19,7 +23,7 @@ from __future__ import annotations
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
-SOUND, NOT_FINITE, MISFIT = 0, 1, 2
+SOUND, NOT_FINITE, MISFIT, ABSURD = 0, 1, 2, 3
 """What `Output.restart` says of a sample."""
 
 LARGEST_ESTIMATE = 1e30
@@ -34,27 +38,59 @@ SMALLEST_PENALTY = 1e-15
 FAR, WORSE = 30.0, 10.0
 """Prediction error beyond what aircraft do [m/s^2, rad/s^2]; so many times what was measured [1]."""
 
+NO_AIRCRAFT = 1e6
+"""A regressor or an output of this size is of no aircraft [SI units]."""
+
 
 @compiled
-def count_misfits(misfits: Integers, y: Array, e: Array) -> int:
-    """Count the samples with absurd prediction errors, up, and those without, down to 0; return the largest count.
+def count_misfits(misfits: Integers, phi: Array, y: Array, e: Array) -> int:
+    """Count the samples with absurd prediction errors, up, and those without, down to 0; judge.
+
+    After an absurd sample the counts are negative: the samples without one that are still to come.
 
     Parameters
     ----------
     misfits
         (r,) counts; updated.
+    phi
+        (p,) regressors.
     y, e
         (r,) outputs and prediction errors.
+
+    Returns
+    -------
+    int
+        `SOUND`, `MISFIT` or `ABSURD`.
     """
-    largest = 0
+    limit = 2 * phi.shape[0]
+    if exceeds(phi, NO_AIRCRAFT) or exceeds(y, NO_AIRCRAFT):
+        for q in range(misfits.shape[0]):
+            misfits[q] = -limit
+        return SOUND
+    verdict = SOUND
     for q in range(misfits.shape[0]):
         error = abs(e[q])
-        if error > FAR and error > WORSE * abs(y[q]):
+        if misfits[q] < 0:
             misfits[q] += 1
+            if misfits[q] == 0:
+                verdict = ABSURD
+        elif error > FAR and error > WORSE * abs(y[q]):
+            misfits[q] += 1
+            if misfits[q] >= limit:
+                verdict = MISFIT
         elif misfits[q] > 0:
             misfits[q] -= 1
-        largest = max(largest, misfits[q])
-    return largest
+    return verdict
+
+
+@compiled
+def exceeds(values: Array, limit: float) -> bool:
+    """Whether any of (n,) is larger than the limit, or no number."""
+    outside = 0
+    for i in range(values.shape[0]):
+        if not abs(values[i]) <= limit:
+            outside += 1
+    return outside > 0
 
 
 @compiled

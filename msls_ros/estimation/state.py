@@ -140,6 +140,8 @@ class State(NamedTuple):
     """(2,) weighted sum of the squared deviations of the estimates from it over their variances, and of the weights."""
     air: Array
     """(1,) share of the motion through the air that is the air's (`gusts`) [1]."""
+    burst: Array
+    """(r,) squared residuals of bursts that the estimates remember [output^2]."""
     misfits: Integers
     """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
@@ -202,6 +204,7 @@ def make_state(settings: Settings, rows: int) -> State:
         lag_one=np.zeros((rows, 2)),
         deviation=np.zeros(2),
         air=np.zeros(1),
+        burst=np.zeros(rows),
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
     )
@@ -261,6 +264,7 @@ def clear(s: Settings, x: State) -> None:
         x.filled[q] = 0
         x.pending[q] = 0
         x.misfits[q] = 0
+        x.burst[q] = 0.0
         x.hold[q] = s.hold_off
         x.e[q] = math.nan
         x.y_ms[q] = 0.0

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
+from numbers import Integral, Real
 from typing import Any
 
 from msls_ros.estimation.errors import EstimationError, nearest
@@ -21,6 +22,8 @@ from msls_ros.inputs.synchronizer import Refused
 
 _PART = re.compile(r"(?P<name>[A-Za-z_]\w*)(?:\[(?:(?P<index>\d+)|(?P<key>[A-Za-z_]\w*)=(?P<value>[^\[\]]+))\])?")
 _AXES = {3: ("x", "y", "z"), 4: ("w", "x", "y", "z")}
+_LONGEST = 500
+"""Characters of a path."""
 _LISTED = 8
 """Names shown in a sentence before it is cut short."""
 
@@ -43,6 +46,9 @@ class FieldPath:
         """Take the text apart; see the class."""
         if not text.isprintable():
             message = f"the path {text!r} holds what cannot be printed; expected NAME, NAME[2] or NAME[key=value]"
+            raise EstimationError(message)
+        if len(text) > _LONGEST:
+            message = f"the path '{text[:40]}...' has {len(text)} characters; expected at most {_LONGEST}"
             raise EstimationError(message)
         self.text = text
         self._parts: list[_Part] = []
@@ -80,9 +86,12 @@ class FieldPath:
         Raises
         ------
         EstimationError, Refused
-            As `read`; nothing has changed then.
+            As `read`, and where no real number stands; nothing has changed then.
         """
-        self.read(message)
+        found = self.read(message)
+        if not isinstance(found, Real) or isinstance(found, Integral):  # a text or an integer would end the publisher
+            text = f"the path '{self.text}' of {type(message).__name__} leads to {found!s:.40}; expected a real number"
+            raise EstimationError(text)
         for part in self._parts[:-1]:
             message = part.read(message)
         self._parts[-1].write(message, value)

@@ -29,7 +29,7 @@ from bags.test_damage import write_ros1
 from bags.test_reading import write_old_database
 from bags.test_writing import mcap_file, write_flight
 
-from msls_ros.bags import BagError, BagReader, BagWriter, metadata, read, repair
+from msls_ros.bags import BagError, BagReader, BagWriter, decoding, metadata, read, repair
 from msls_ros.bags.definitions import Definitions
 
 HELD = 4 * MIB
@@ -246,6 +246,28 @@ def test_a_strange_definition_is_one_sentence_and_its_messages_are_read(tmp_path
     with pytest.raises(BagError, match=re.escape(sentence)) as caught:
         reader.decode(found)
     assert DAMAGED_TYPE.search(str(caught.value)) and len(str(caught.value).splitlines()) == 1
+
+
+def test_a_damaged_definition_is_parsed_once_for_all_its_messages(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Found by coverage-guided fuzzing: it was parsed again for each, 10 ms a time."""
+    path = tmp_path / "t.mcap"
+    path.write_bytes(mcap_of_type("a/msg/B", TYPES["nonsense"][0]))
+    parsed = []
+    parse = vars(decoding)["_parse"]
+
+    def count(definition: object) -> object:
+        parsed.append(definition)
+        return parse(definition)
+
+    monkeypatch.setattr(decoding, "_parse", count)
+    reader = read(path)
+    (found,) = reader
+    for _ in range(3):
+        with pytest.raises(BagError, match="damaged definition"):
+            reader.decode(found)
+    assert len(parsed) == 1
 
 
 @pytest.mark.parametrize(

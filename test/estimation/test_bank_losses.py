@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-
 from estimation.test_bank import PERIOD, SMALL, uniform
+
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
 from msls_ros.estimation.bank_losses import compare_surfaces, forget_direction
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 
+Flight = tuple[Array, Array, Array, Array]
 FAULT = 250
 NOISE = 0.5
 """As large as what half of the effector does to P."""
 
 
-def noisy(seed: int, left: float = 0.5, n: int = 450) -> tuple[Array, Array, Array, Array]:
+def noisy(seed: int, left: float = 0.5, n: int = 450) -> Flight:
     """Return a flight in which an effector keeps a share of its effects on P and R; one-step errors do not show it."""
     x, delta = 0.25 * uniform(n, 3, seed), 0.125 * uniform(n, 2, seed + 1)
     xdot = NOISE * uniform(n, 3, seed + 2) * np.array([1.0, 1.0, 0.25])
@@ -26,7 +28,13 @@ def noisy(seed: int, left: float = 0.5, n: int = 450) -> tuple[Array, Array, Arr
     return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
 
 
-def events_of(identifier: Identifier, flight: tuple[Array, ...]) -> list[FaultEvent]:
+def engine_of(identifier: Identifier) -> BankRegression:
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    return engine
+
+
+def events_of(identifier: Identifier, flight: Flight) -> list[FaultEvent]:
     return [event for estimate in identifier.run(*flight).estimates for event in estimate.events]
 
 
@@ -47,9 +55,8 @@ def test_half_an_effector_lost_in_noise_is_seen_and_named_with_an_honest_share()
 
 def test_it_is_this_test_that_sees_it() -> None:
     identifier = Identifier(from_mapping(SMALL))
-    identifier._regression.settings = identifier._regression.settings._replace(  # type: ignore[call-arg]
-        gains=np.zeros((0, 2)), shares=np.zeros((0, 2))
-    )
+    engine = engine_of(identifier)
+    engine.settings = engine.settings._replace(gains=np.zeros((0, 2)), shares=np.zeros((0, 2)))
     assert events_of(identifier, noisy(100)) == []
 
 
@@ -72,12 +79,12 @@ def test_what_is_known_of_everything_else_is_kept() -> None:
 def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else() -> None:
     identifier = Identifier(from_mapping(SMALL))
     identifier.run(*noisy(100, n=200))
-    engine = identifier._regression
-    s, R = engine.settings, engine.state.R[0].copy()  # type: ignore[union-attr]
+    engine = engine_of(identifier)
+    s, R = engine.settings, engine.state.R[0].copy()
     precision, direction = 0.3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
     for m in range(R.shape[2]):
         before = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
-        forget_direction(s, R, m, 0, precision, engine._work)  # type: ignore[arg-type, union-attr]
+        forget_direction(s, R, m, 0, precision, engine._work)
         assert (np.tril(R[:, :, m], -1) == 0.0).all() and (np.diagonal(R[:, :, m]) > 0.0).all()
         after = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
         assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-9, abs=1e-12)
@@ -86,17 +93,17 @@ def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else
 def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     identifier = Identifier(from_mapping(SMALL))
     identifier.run(*noisy(100, n=240))
-    engine = identifier._regression
-    s, x, work = engine.settings, engine.state, engine._work  # type: ignore[union-attr]
-    member, row, column = int(s.recent), 0, 4  # type: ignore[union-attr]
+    engine = engine_of(identifier)
+    s, x, work = engine.settings, engine.state, engine._work
+    member, row, column = int(s.recent), 0, 4
     before = x.mixed.copy()
     before[row, column] *= 1.25
-    work.concerned[:] = [1, 0, 0]  # type: ignore[union-attr]
-    compare_surfaces(s, x, member, before, 1e-12 * np.ones_like(before), work)  # type: ignore[arg-type]
+    work.concerned[:] = [1, 0, 0]
+    compare_surfaces(s, x, member, before, 1e-12 * np.ones_like(before), work)
     R = x.R[0, 1:, 1:, member]
     a = np.zeros(5)
     a[column - 1] = before[row, column]
     difference = x.members[row, 1:, member] - before[row, 1:]
     expected = a @ R.T @ R @ difference / (a @ R.T @ R @ a)
-    assert work.change[0] == pytest.approx(expected, rel=1e-9)  # type: ignore[union-attr]
-    assert work.change[0] == pytest.approx(-0.2, abs=0.1)  # type: ignore[union-attr]
+    assert work.change[0] == pytest.approx(expected, rel=1e-9)
+    assert work.change[0] == pytest.approx(-0.2, abs=0.1)

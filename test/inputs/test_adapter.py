@@ -3,6 +3,7 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
+from copy import deepcopy
 from types import SimpleNamespace as Message
 from typing import Any
 
@@ -378,3 +379,23 @@ def test_a_path_with_what_cannot_be_printed_is_refused_in_one_line(text: str) ->
     with pytest.raises(EstimationError, match="cannot be printed") as caught:
         FieldPath(text)
     assert len(str(caught.value).splitlines()) == 1
+
+
+@pytest.mark.parametrize("text", ["a" * 501, "channels[" + "9" * 5000 + "]"])
+def test_a_path_without_end_is_refused_in_a_short_line(text: str) -> None:
+    with pytest.raises(EstimationError, match="expected at most 500") as refused:
+        FieldPath(text)
+    assert len(str(refused.value)) < 200
+
+
+@pytest.mark.parametrize(
+    "path", ["name[1]", "name", "get_fields_and_field_types", "header.stamp", "header.stamp.sec", "__class__"]
+)
+def test_a_number_is_written_only_where_one_stands(path: str) -> None:
+    from sensor_msgs.msg import JointState
+
+    joints = JointState(name=["a", "b"], position=[0.1, 0.2])
+    before = deepcopy(joints)
+    with pytest.raises(EstimationError, match="expected a real number"):
+        FieldPath(path).write(joints, 0.25)
+    assert joints == before
