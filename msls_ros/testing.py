@@ -214,9 +214,9 @@ class Bench:
 
     def close(self) -> None:
         """Destroy all nodes and the context."""
+        self.executor.shutdown()  # first: no callback may run while its node goes
         for node in self.nodes:
             node.destroy_node()
-        self.executor.shutdown()
         self.context.shutdown()
         self._lock.close()
 

@@ -11,6 +11,7 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
+from msls_ros.estimation.bank_lags import observe_inputs
 from msls_ros.estimation.bank_losses import EVERY, apply_loss, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
@@ -74,6 +75,7 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, y[n])
+        observe_inputs(s, x, work.phi)
         observe_place(s, x, work.phi, time[n])
         if any_alarm:
             split_bank(s, x, out.alarm[n])

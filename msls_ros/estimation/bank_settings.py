@@ -52,6 +52,8 @@ LOSSES = ((0.4, 1.0), (1.5, 3.0))
 """Memories in which losses of surfaces are looked for, and by how much older what they are compared with is [s]."""
 STRIDE = 0.1
 """Between estimates that are kept to compare with [s]."""
+QUICK = 0.1
+"""Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -134,6 +136,7 @@ def make_bank_settings(
         velocities=np.array(velocities, np.int64) + 1,
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         place=min(period / PLACE, 1.0),
+        quick=min(period / QUICK, 1.0),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),

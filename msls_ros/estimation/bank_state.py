@@ -71,6 +71,8 @@ class BankSettings(NamedTuple):
     """(v,) their scales."""
     place: float
     """Gain per sample of their means."""
+    quick: float
+    """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     gains: Array
     """(k, m) position of each surface by each effector, as shares its effect by theirs; see `surfaces`."""
     shares: Array
@@ -154,6 +156,14 @@ class BankState(NamedTuple):
     """(r, 4) weighted sums: the members' normalised squared errors one step ahead, their weights; the same delayed."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
+    quick: Array
+    """(p, 2) the regressors above their mean of the last moment, now and at the last sample; see `bank_lags`."""
+    quick_mean: Array
+    """(p,) that mean."""
+    quick_power: Array
+    """(p, 3) sums of squares of the first, products with the last, and how many."""
+    cross: Array
+    """(r, p) sums of prediction errors times the last regressors."""
     pending: Integers
     """(r,) 1 from an alarm of the row until it is settled what changed."""
     theta_before: Array
@@ -279,6 +289,10 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         e=np.zeros(rows),
         residual=np.zeros((rows, 4)),
         colour=np.zeros((rows, 2)),
+        quick=np.zeros((p, 2)),
+        quick_mean=np.zeros(p),
+        quick_power=np.zeros((p, 3)),
+        cross=np.zeros((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
         square_before=np.zeros((rows, p)),

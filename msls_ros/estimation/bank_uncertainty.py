@@ -11,7 +11,8 @@ bends, the second alone takes all bending for noise; errors count once the estim
 the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - p - 2)``. The second term,
 the spread between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by
 gusts (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
-autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate.
+autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past
+inputs explain of the residuals (`bank_lags`).
 
 **What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
 estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
@@ -19,8 +20,9 @@ estimate is kept with its error, time and place in the envelope, and serves as l
     kept_i^2 = best_i^2 + (theta_i - theta_best_i)^2 + (theta_best_i |place - place_best| / reach)^2
     se_i = min(now_i, kept_i)
 
-To both is added by how much the member that remembers the last second and a half contradicts the estimate, beyond two
-of its standard errors: what dither alone shows of a change counts little in the evidence, but it must not be hidden.
+To both is added what past inputs explain, and by how much the member that remembers the last second and a half
+contradicts the estimate, beyond two of its standard errors: what dither alone shows of a change counts little in the
+evidence, but it must not be hidden.
 
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
@@ -40,6 +42,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_lags import lag_square, observe_lag
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -94,6 +97,8 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
             x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
             x.colour[q, 1] = fade * x.colour[q, 1] + weight * 0.5 * (error * error + x.e[q] * x.e[q])
     x.e[q] = error
+    if begun > 0:
+        observe_lag(s, x, q, error)
 
 
 @compiled
@@ -193,6 +198,8 @@ def direct_squares(
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
         squares[i] += disagreement(s, x, q, i)
+        if i > 0:
+            squares[i] += lag_square(s, x, q, i, x.residual[q, 0] / x.residual[q, 1])
     return True
 
 
@@ -217,7 +224,10 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         away += step * step
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     size = x.best[q, i] / reach
-    return float(x.best_square[q, i] + moved * moved + size * size * away + disagreement(s, x, q, i))
+    now = disagreement(s, x, q, i)
+    if i > 0:
+        now += lag_square(s, x, q, i, x.residual[q, 0] / x.residual[q, 1])
+    return float(x.best_square[q, i] + moved * moved + size * size * away + now)
 
 
 @compiled

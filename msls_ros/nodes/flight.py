@@ -117,6 +117,7 @@ def fly(
         nodes: list[Node] = [recorder, pilot, identifier, plant]
         if scenario.law.plan is not None:
             nodes.append(add(ControllerNode, _controller_parameters(scenario)))
+        stack.callback(executor.shutdown)  # before the nodes go
         _connect(executor, nodes)
         wall_time = _spin_flight(executor, plant, progress)
         _drain(executor, recorder, identifier, plant)

@@ -1,0 +1,52 @@
+"""Outputs that answer the inputs of a sample ago: the error bars say so, and say nothing where both are in step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation.test_bank import PERIOD, SMALL, uniform
+
+from msls_ros.estimation import Estimate, Identifier, from_mapping
+from msls_ros.estimation.bank_lags import lag_square
+from msls_ros.estimation.kernel import Array
+
+EFFECT = 8.0
+
+
+def fly(late: float, slow: bool = False) -> tuple[Identifier, Estimate]:
+    """Return the identifier after 8 s in which a share of an effect comes a sample late, and what it says then."""
+    n = 400
+    x, delta = 0.25 * uniform(n, 3, 31), 0.125 * uniform(n, 2, 32)
+    if slow:
+        delta += np.sin(2.0 * np.arange(n) * PERIOD)[:, None] * np.array([1.0, 0.5])
+        delta[:, 0] = np.convolve(delta[:, 0], np.ones(25) / 25, "same")
+    xdot = 0.05 * uniform(n, 3, 33) - x
+    before: Array = np.concatenate([delta[:1, 0], delta[:-1, 0]])
+    xdot[:, 0] += EFFECT * ((1.0 - late) * delta[:, 0] + late * before)
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    identifier = Identifier(from_mapping(SMALL))
+    return identifier, identifier.run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates[-1]
+
+
+@pytest.mark.parametrize("late", [0.1, 0.3, 0.7])
+def test_an_effect_that_comes_late_in_part_is_off_by_no_more_than_the_bars_say(late: float) -> None:
+    _, estimate = fly(late)
+    error = abs(estimate.b[0, 0] - EFFECT)
+    assert error > 0.5 * late * EFFECT
+    assert 0.3 * error < estimate.b_std[0, 0]
+    assert error < 1.96 * estimate.b_std[0, 0]
+
+
+def test_where_both_are_in_step_nothing_is_added() -> None:
+    identifier, estimate = fly(0.0)
+    engine = identifier._regression
+    added = [lag_square(engine.settings, engine.state, 0, i, float(engine.state.residual[0, 0])) for i in range(1, 6)]  # type: ignore[arg-type]
+    assert max(added) < (0.01 * EFFECT) ** 2
+    assert estimate.b_reliable[0, 0] and abs(estimate.b[0, 0] - EFFECT) < 0.1
+
+
+def test_a_slow_input_hardly_sees_a_delay() -> None:
+    _, quick = fly(0.3)
+    _, slow = fly(0.3, slow=True)
+    assert abs(slow.b[0, 0] - EFFECT) < 0.3 * abs(quick.b[0, 0] - EFFECT)
+    assert slow.b_std[0, 0] < 0.5 * quick.b_std[0, 0]
