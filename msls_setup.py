@@ -414,27 +414,29 @@ def execute(command: Sequence[str], env: Dict[str, str]) -> NoReturn:
     os.execve(command[0], list(command), env)
 
 
-COMPILE = "from msls_ros.estimation.warm_up import warm_up; [warm_up(method) for method in ('msls', 'bank', 'rls')]"
+COMPILE = "from msls_ros.estimation.warm_up import warm_up; warm_up('{}')"
 
 
 def test(arguments: Sequence[str], env: Dict[str, str]) -> NoReturn:
     """Run pytest with these arguments; without any: ruff, mypy and all tests, on every core."""
     os.chdir(ROOT)
     if not arguments:
-        compiling = subprocess.Popen(
-            [PYTHON, "-c", COMPILE], env=env
-        )  # beside mypy, and not once per process of pytest
+        compiling = [  # beside mypy, and not once per process of pytest
+            subprocess.Popen([PYTHON, "-c", COMPILE.format(method)], env=env) for method in ("bank", "msls")
+        ]
         failed = []
         for check in ("ruff check", "ruff format --check", "mypy"):
             say(check)
             if subprocess.run([PYTHON, "-m", *check.split()], env=env, check=False).returncode != 0:
                 failed.append(check)
         if failed:
-            compiling.kill()
+            for process in compiling:
+                process.kill()
             print(f"msls: failed: {', '.join(failed)}; the tests were not run", file=sys.stderr)
             sys.exit(1)
         say("compiling the estimator")
-        compiling.wait()  # what it could not compile, a test will name
+        for process in compiling:
+            process.wait()  # what it could not compile, a test will name
     say("pytest")
     execute([PYTHON, "-m", "pytest", *(arguments or ("--numprocesses=auto", "--dist=loadfile"))], env)
 

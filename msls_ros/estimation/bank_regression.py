@@ -13,6 +13,7 @@ from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
 from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member
+from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
@@ -43,6 +44,7 @@ class BankRegression:
         """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
         self._observed = np.zeros(0), np.zeros((0, rows))
+        self._advance = Bound(advance_bank)
         self.reset()
 
     def reset(self) -> None:
@@ -105,7 +107,7 @@ class BankRegression:
         """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
             self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
-        done = int(advance_bank(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
+        done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
         self.noise[:] = self._observed[1][done - 1]
         if out.restart[done - 1] != SOUND:
             self.reset()

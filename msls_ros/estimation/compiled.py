@@ -16,6 +16,7 @@ import functools
 import hashlib
 import inspect
 import os
+import shutil
 import tempfile
 import warnings
 from collections.abc import Callable, Mapping
@@ -41,6 +42,9 @@ INTERPRETED_SAMPLE, INTERPRETED_STEP = 1.6e-4, 3.1e-7
 
 KERNELS: list[Any] = []
 """Every compiled kernel of the room; empty where the kernels are interpreted."""
+
+VERSIONS = 6
+"""Of a room's kernels on disk, some 10 MB each: clones of different versions live side by side."""
 
 _warned = False
 
@@ -75,14 +79,16 @@ class Locator:
         return found
 
     def ensure_cache_path(self) -> None:
-        """Make the folder and see that it can be written.
+        """Make the folder and see that it can be written; of older versions only the last few are kept beside it.
 
         Raises
         ------
         OSError
             If not.
         """
-        self._folder.mkdir(parents=True, exist_ok=True)
+        if not self._folder.exists():
+            prune(self._folder)
+            self._folder.mkdir(parents=True, exist_ok=True)
         tempfile.TemporaryFile(dir=self._folder).close()
 
     def get_cache_path(self) -> str:
@@ -128,13 +134,82 @@ def compile_kept(function: Callable[P, T], options: Mapping[str, Any]) -> Callab
     before = {name: getattr(numba_config, name) for name in changes}
     vars(numba_config).update(changes)
     try:
-        with_cache: Callable[P, T] = numba.njit(**options)(function)
+        with_cache: Callable[P, T] = _with_twin(function, options)
     except RuntimeError:  # numba: "no locator available"
-        without: Callable[P, T] = numba.njit(**{**options, "cache": False})(function)
+        without: Callable[P, T] = _with_twin(function, {**options, "cache": False})
         return without
     finally:
         vars(numba_config).update(before)
     return with_cache
+
+
+def _with_twin(function: Callable[P, T], options: Mapping[str, Any]) -> Any:
+    """Return a kernel for Python, and in it the twin that other kernels call."""
+    njit: Any = numba.njit
+    kernel = njit(**options, no_cfunc_wrapper=True)(function)
+    inlined = {**options, "cache": False, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
+    kernel.inlined = njit(**inlined)(function)  # is part of its callers, which are kept
+    dispatcher: Any = type(kernel)
+    kernel.__class__ = _kernel_class(dispatcher)
+    return kernel
+
+
+@functools.cache
+def _kernel_class(dispatcher: Any) -> Any:
+    """Return numba's class of compiled functions with another type where a kernel calls one: that of its twin.
+
+    A kernel that takes a state of fifty arrays needs more code to unpack them from Python's objects than for the
+    arithmetic, and it would be compiled for all the kernels that Python never calls: half of the time.
+    """
+
+    def twin(kernel: Any) -> Any:
+        return numba.types.Dispatcher(kernel.inlined)
+
+    return type("Kernel", (dispatcher,), {"_numba_type_": property(twin)})
+
+
+class Bound:
+    """A kernel that is called with arguments of the same types again and again.
+
+    Numba looks into all arrays of all named tuples at every call to find the version of the kernel, which takes longer
+    than a sample; here it does so at the first call.
+
+    Parameters
+    ----------
+    kernel
+        From `compiled`.
+    """
+
+    def __init__(self, kernel: Callable[..., Any]) -> None:
+        """Take it; see the class."""
+        self._kernel: Any = kernel
+        self._version: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call it; after the first call without a look at the types."""
+        if self._version is None:
+            self._version = self._kernel
+            if HAVE_NUMBA:
+                typeof: Callable[[Any], Any] = numba.typeof
+                self._version = self._kernel.compile(tuple(map(typeof, arguments)))
+        return self._version(*arguments)
+
+
+def prune(folder: Path) -> None:
+    """Remove the kernels of versions of this room that are to make room for a new one: all but the `VERSIONS` newest.
+
+    Whoever still runs one of them has it in memory.
+    """
+    room = folder.name.rpartition("-")[0]
+    others = [one for one in folder.parent.glob(f"{room}-*") if one != folder and one.is_dir()]
+    dated = []
+    for one in others:
+        try:
+            dated.append((one.stat().st_mtime, one))
+        except OSError:  # another process removes it
+            continue
+    for _, one in sorted(dated, reverse=True)[VERSIONS - 1 :]:
+        shutil.rmtree(one, ignore_errors=True)
 
 
 @functools.cache

@@ -15,6 +15,7 @@ import math
 
 import numpy as np
 
+from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither_answer import FROZEN, DitherBlock
 from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law
@@ -50,6 +51,7 @@ class DitherLaw:
         self._effectors = len(configuration.effectors)
         self._seed = configuration.dither.seed
         self._scratch = np.zeros((4, self._effectors + 3))
+        self._inject = Bound(inject)
         self.configure(configuration)
         self.reset()
 
@@ -106,7 +108,7 @@ class DitherLaw:
         """
         out = self._zeros(len(time))
         noise = self._noise.draw(len(time))
-        inject(self._law, self._state, time, known, delta, noise, self._comb, self._scratch, out)
+        self._inject(self._law, self._state, time, known, delta, noise, self._comb, self._scratch, out)
         return out
 
     def silence(self, time: Array) -> DitherBlock:

@@ -19,7 +19,7 @@ from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import Bound, compiled
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.kernel import Array, Integers
@@ -248,6 +248,7 @@ class Assembly:
         if not isinstance(regression, BankRegression):
             self._forgetting[kept] = regression.settings.forgetting
         nothing = (np.full((n, columns), math.nan) for columns in (n, len(c.effectors)))
+        self._fill = Bound(fill_bank_model if isinstance(regression, BankRegression) else fill_model)
         self._nothing = Best(*(tuple(nothing) * 3))
         for shared in (self.a_known, self._forgetting, *self._nothing):
             shared.setflags(write=False)
@@ -274,10 +275,10 @@ class Assembly:
         model.excitation.fill(math.inf)
         r = self._regression
         if not isinstance(r, BankRegression):
-            fill_model(r.settings, r.state, self._layout, x, *self._scratch, model)
+            self._fill(r.settings, r.state, self._layout, x, *self._scratch, model)
             return model, self._nothing, self._forgetting
         best = Best(*(np.full((n, columns), math.nan) for _ in range(3) for columns in (n, m)))
         forgetting = np.full(n, math.nan)
         scratch = BankScratch(self._products, *self._vectors)
-        fill_bank_model(r.settings, r.state, self._layout, x, r.noise, scratch, model, best, forgetting)
+        self._fill(r.settings, r.state, self._layout, x, r.noise, scratch, model, best, forgetting)
         return model, best, forgetting

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import Difference, invert, upper_factor
@@ -98,6 +99,7 @@ class Regression:
         self.state = make_state(settings, rows)
         self._work = make_work(p, len(settings.colours))
         self._w0 = np.zeros(p)
+        self._advance = Bound(advance)
         self.reset()
 
     def reset(self) -> None:
@@ -173,7 +175,7 @@ class Regression:
         start, stop
             Of the samples to take.
         """
-        done = advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
+        done: int = self._advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
         if out.restart[done - 1] != SOUND:
             self.reset()
             forget_sample(out, done - 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from importlib.util import module_from_spec, spec_from_file_location
@@ -85,6 +86,22 @@ def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest
         found.append((kernel(2.0), sum(kernel.stats.cache_hits.values())))
     assert found == [(4.0, 0), (4.0, 1), (6.0, 0)]
     assert dict(vars(numba.config)) == before, "numba's settings of others are as they were"
+
+
+def test_kernels_of_old_versions_make_room_for_a_new_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    numba: Any = pytest.importorskip("numba")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    old = [tmp_path / "msls_ros" / f"room-{age:016x}" for age in range(room.VERSIONS + 2)]
+    other = tmp_path / "msls_ros" / "hall-0"
+    for age, folder in enumerate([*old, other]):
+        folder.mkdir(parents=True)
+        (folder / "kernel.nbc").write_bytes(b"compiled")
+        os.utime(folder, (1e9 - age, 1e9 - age))
+    kernel: Any = room.compile_kept(_kernel(tmp_path / "clone", "2.0"), room.OPTIONS)
+    assert kernel(2.0) == 4.0
+    (new,) = {one for one in other.parent.iterdir() if one not in (*old, other)}
+    assert {one for one in old if one.exists()} == set(old[: room.VERSIONS - 1])
+    assert other.exists() and any(new.iterdir())
 
 
 def _kernel(clone: Path, factor: str) -> Callable[[float], float]:
