@@ -13,8 +13,14 @@ class OneLineParser(argparse.ArgumentParser):
     """Says what is wrong with the command line in one line; an option is written out, never abbreviated."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
-        """As `argparse.ArgumentParser`."""
+        """As `argparse.ArgumentParser`; an epilog that is a function is called when help is asked for."""
         super().__init__(*arguments, **{"allow_abbrev": False, **options})
+
+    def format_help(self) -> str:
+        """Return the help."""
+        if callable(self.epilog):
+            self.epilog = self.epilog()
+        return super().format_help()
 
     def error(self, message: str) -> NoReturn:
         """Print the message without the usage, and exit with 2."""

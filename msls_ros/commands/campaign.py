@@ -35,7 +35,7 @@ def parser() -> argparse.ArgumentParser:
         prog="campaign",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly scenarios over many seeds, noises and settings of the identifier, in closed loop without ROS.",
-        epilog=f"Killed or interrupted, the same command goes on where it was. Scenarios:\n{listing()}",
+        epilog=lambda: f"Killed or interrupted, the same command goes on where it was. Scenarios:\n{listing()}",
     )
     result.add_argument("scenarios", nargs="+", metavar="SCENARIO", help="one of those below, or your own .yaml file")
     result.add_argument("--seeds", type=count, required=True, metavar="N", help="flights of each combination")
@@ -79,10 +79,16 @@ class Interrupted:
             if not self._held:
                 raise KeyboardInterrupt
 
+        def swallow(what: sys.UnraisableHookArgs) -> None:
+            if not (self.came and isinstance(what.exc_value, KeyboardInterrupt)):
+                sys.__unraisablehook__(what)
+
         before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+        sys.unraisablehook = swallow  # where it comes in a destructor or callback, it cannot be raised
         try:
             yield
         finally:
+            sys.unraisablehook = sys.__unraisablehook__
             for number, handler in before.items():
                 signal.signal(number, handler)
 

@@ -42,7 +42,7 @@ def parser() -> argparse.ArgumentParser:
         prog="demo",
         formatter_class=argparse.RawDescriptionHelpFormatter,
         description="Fly an aircraft in closed loop with the identifier, over DDS; record, compare, draw.",
-        epilog=f"scenarios:\n{listing()}\n\nThey are files in config/scenarios/, where each key is explained.",
+        epilog=lambda: f"scenarios:\n{listing()}\n\nThey are files in config/scenarios/, where each key is explained.",
     )
     result.add_argument(
         "--scenario",

@@ -14,8 +14,7 @@ the loss, all else being what it was. A loss is seen when, a few times in a row,
 of a good part, explains most of all that has changed (``sum D' R'R D / n``), and more than any other surface and than
 any single state would. Only what has a direction of its own alarms: model errors that no surface explains do not.
 
-Then nothing is thrown away but what is known of that one direction (`forget_direction`): the estimates move by c, and
-the factors lose their information along a, so that it is learnt anew with all else known.
+What follows from it is in `bank_forgetting`.
 
 References
 ----------
@@ -27,8 +26,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank import find_information
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import long_run_factor
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -158,6 +156,7 @@ def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, squar
         work.explained[k] = 0.0
     for i in range(p):
         work.by_state[i] = 0.0
+    prepared = -1
     for q in range(before.shape[0]):
         n = noise_of(s, x, q) if work.concerned[q] != 0 else 0.0
         for k in range(s.gains.shape[0]):
@@ -165,17 +164,21 @@ def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, squar
             work.information[q, k] = 0.0
         if n <= 0.0:
             continue
-        R = x.R[x.group[q]]
-        w = work.w
+        if x.group[q] != prepared:
+            prepared = x.group[q]
+            find_directions(s, x.R[prepared], m, work)
+        for j in range(1, p):
+            work.difference[j] = x.members[q, j, m] - before[q, j]
         for i in range(1, p):
-            w[i] = 0.0
+            total = 0.0
             for j in range(i, p):
-                w[i] += R[i, j, m] * (x.members[q, j, m] - before[q, j])
-            excess += w[i] * w[i] / n
+                total += work.factor[i, j] * work.difference[j]
+            work.w[i] = total
+            excess += total * total / n
         excess -= 0.5 * (p - 1)
-        explain_by_states(s, R, m, n, work)
+        explain_by_states(s, n, work)
         for k in range(s.gains.shape[0]):
-            compare_row(s, R, m, n, before, square, q, k, work)
+            compare_row(s, n, before, square, q, k, work)
     for k in range(s.gains.shape[0]):
         finish(work, k)
     for i in range(1, p):
@@ -184,25 +187,41 @@ def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, squar
 
 
 @compiled
-def explain_by_states(s: BankSettings, R: Array, m: int, n: float, work: BankWork) -> None:
+def find_directions(s: BankSettings, R: Array, m: int, work: BankWork) -> None:
+    """Take the factor of member m out of (p, p, m), and find the direction ``R a`` of every surface's loss in it."""
+    p = R.shape[0]
+    first = s.effectors_from + 1
+    for i in range(p):
+        for j in range(i, p):
+            work.factor[i, j] = R[i, j, m]
+    for k in range(s.gains.shape[0]):
+        for i in range(p):
+            work.steps[k, i] = 0.0
+        for j in range(s.gains.shape[1]):
+            if s.gains[k, j] != 0.0:
+                for i in range(1, first + j + 1):
+                    work.steps[k, i] += work.factor[i, first + j] * s.gains[k, j]
+        for i in range(1, p):
+            work.steps[k, 0] += work.steps[k, i] * work.steps[k, i]
+
+
+@compiled
+def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
     """Add up what a change of a single state's column in each row explains, of ``work.w``."""
     w = work.w
     for j in range(1, s.effectors_from + 1):
         size = 0.0
         along = 0.0
         for i in range(1, j + 1):
-            size += R[i, j, m] * R[i, j, m]
-            along += R[i, j, m] * w[i]
+            size += work.factor[i, j] * work.factor[i, j]
+            along += work.factor[i, j] * w[i]
         if size > 0.0:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
 
 
 @compiled
-def compare_row(
-    s: BankSettings, R: Array, m: int, n: float, before: Array, square: Array, q: int, k: int, work: BankWork
-) -> None:
+def compare_row(s: BankSettings, n: float, before: Array, square: Array, q: int, k: int, work: BankWork) -> None:
     """Add what row q says of surface k: information, and what speaks for or against a loss."""
-    p = before.shape[1]
     first = s.effectors_from + 1
     effect = 0.0
     error = 0.0
@@ -212,17 +231,12 @@ def compare_row(
             error += s.shares[k, j] * s.shares[k, j] * square[q, first + j]
     if not error < KNOWN * KNOWN * effect * effect:
         return
-    size = 0.0
-    along = 0.0
-    for i in range(1, p):
-        step = 0.0
-        for j in range(s.gains.shape[1]):
-            if s.gains[k, j] != 0.0 and first + j >= i:
-                step += R[i, first + j, m] * s.gains[k, j]
-        size += step * step
-        along += step * work.w[i]
+    size = work.steps[k, 0]
     if size <= 0.0:
         return
+    along = 0.0
+    for i in range(1, before.shape[1]):
+        along += work.steps[k, i] * work.w[i]
     information = effect * effect * size / n
     weight = 1.0 / (0.5 / information + error / (effect * effect))
     work.change[k] += weight * effect * along / n / information
@@ -246,154 +260,6 @@ def finish(work: BankWork, k: int) -> None:
     work.deviation[k] = -change / math.sqrt(work.variance[k])
     for q in range(work.against.shape[0]):
         work.explained[k] += 2.0 * change * work.against[q, k] - change * change * work.information[q, k]
-
-
-@compiled
-def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
-    """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone."""
-    for g in range(x.age.shape[0]):
-        inside = 0
-        others = 0
-        for q in range(x.group.shape[0]):
-            if x.group[q] == g:
-                inside += work.concerned[q]
-                others += 1 - work.concerned[q]
-        if inside == 0:
-            continue
-        target = g if others == 0 else empty_group(x)
-        if target < 0:
-            target = g
-        if target != g:
-            copy_group(x, g, target)
-        precision = 0.0
-        for q in range(x.group.shape[0]):
-            if x.group[q] == g and work.concerned[q] != 0:
-                x.group[q] = target
-                effect = effect_of(s, x.theta_before[q], k)
-                precision = max(precision, effect * effect / noise_of(s, x, q))
-                shift_row(s, x, q, k, effect * (1.0 + work.change[k]))
-        for m in range(s.forgetting.shape[0]):
-            forget_direction(s, x.R[target], m, k, precision, work)
-        find_information(x.R[target], work.V, x.info[target])
-    x.kept[1] = x.kept[0]
-    for a in range(x.run.shape[0]):
-        x.run[a] = 0
-
-
-@compiled
-def empty_group(x: BankState) -> int:
-    """Return a group without rows; negative: there is none."""
-    for g in range(x.age.shape[0]):
-        rows = 0
-        for q in range(x.group.shape[0]):
-            if x.group[q] == g:
-                rows += 1
-        if rows == 0:
-            return g
-    return -1
-
-
-@compiled
-def copy_group(x: BankState, g: int, target: int) -> None:
-    """Give another group the history of group g."""
-    for i in range(x.R.shape[1]):
-        copy_rows(x.R[g, i], x.R[target, i])
-    copy_rows(x.info[g], x.info[target])
-    for m in range(x.taken.shape[1]):
-        x.deviation[target, m] = x.deviation[g, m]
-        x.log[target, m] = x.log[g, m]
-        x.taken[target, m] = x.taken[g, m]
-    x.age[target] = x.age[g]
-    x.shared_gate[target] = x.shared_gate[g]
-    x.waiting[target] = x.waiting[g]
-
-
-@compiled
-def copy_rows(of: Array, to: Array) -> None:
-    """Copy a matrix: (n, k) each."""
-    for i in range(of.shape[0]):
-        for j in range(of.shape[1]):
-            to[i, j] = of[i, j]
-
-
-@compiled
-def effect_of(s: BankSettings, theta: Array, k: int) -> float:
-    """Effect of surface k by itself in a row with estimates (p,), constant first."""
-    effect = 0.0
-    for j in range(s.shares.shape[1]):
-        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
-    return effect
-
-
-@compiled
-def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> None:
-    """Give surface k the effect in all estimates of row q, and forget that its effectors were known."""
-    first = s.effectors_from + 1
-    for m in range(x.members.shape[2]):
-        now = 0.0
-        for j in range(s.shares.shape[1]):
-            now += s.shares[k, j] * x.members[q, first + j, m]
-        for j in range(s.gains.shape[1]):
-            x.members[q, first + j, m] += (effect - now) * s.gains[k, j]
-            for n in range(x.past.shape[0]):
-                x.past[n, q, first + j, m] += (effect - now) * s.gains[k, j]
-    step = effect - effect_of(s, x.mixed[q], k)
-    for j in range(s.gains.shape[1]):
-        if s.gains[k, j] != 0.0:
-            x.mixed[q, first + j] += step * s.gains[k, j]
-            x.theta[q, first + j - 1] = x.mixed[q, first + j]
-            x.best_square[q, first + j] = math.inf
-            x.square[q, first + j] = math.inf
-
-
-@compiled
-def forget_direction(s: BankSettings, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
-    """Add ``precision a a'`` to the covariance ``(R'R)^-1`` of member m, a the direction of surface k.
-
-    With ``u = R a`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
-    triangular again by Givens rotations.
-    """
-    p = R.shape[0]
-    first = s.effectors_from + 1
-    u = work.w
-    size = 0.0
-    for i in range(p):
-        u[i] = 0.0
-        for j in range(s.gains.shape[1]):
-            if first + j >= i:
-                u[i] += R[i, first + j, m] * s.gains[k, j]
-        size += u[i] * u[i]
-    if size <= 0.0:
-        return
-    share = (1.0 - 1.0 / math.sqrt(1.0 + precision * size)) / size
-    for j in range(p):
-        along = 0.0
-        for i in range(j + 1):
-            along += u[i] * R[i, j, m]
-        for i in range(p):
-            R[i, j, m] -= share * u[i] * along
-    triangulate(R, m)
-
-
-@compiled
-def triangulate(R: Array, m: int) -> None:
-    """Make the factor of member m, (p, p, m), upper triangular with a positive diagonal again."""
-    p = R.shape[0]
-    for j in range(p):
-        for i in range(j + 1, p):
-            a = R[j, j, m]
-            b = R[i, j, m]
-            r = math.sqrt(a * a + b * b)
-            if r > 0.0:
-                for n in range(j, p):
-                    top = R[j, n, m]
-                    low = R[i, n, m]
-                    R[j, n, m] = (a * top + b * low) / r
-                    R[i, n, m] = (a * low - b * top) / r
-            R[i, j, m] = 0.0
-        if R[j, j, m] < 0.0:
-            for n in range(j, p):
-                R[j, n, m] = -R[j, n, m]
 
 
 @compiled

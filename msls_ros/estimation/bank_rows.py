@@ -11,8 +11,9 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
+from msls_ros.estimation.bank_forgetting import apply_loss
 from msls_ros.estimation.bank_lags import observe_inputs
-from msls_ros.estimation.bank_losses import EVERY, apply_loss, keep_reference, mark_alarm, sense_losses
+from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance
@@ -82,18 +83,7 @@ def advance_bank(
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
                 update_members(s, x, g, y[n], work)
-        for q in range(y.shape[1]):
-            if x.waiting[x.group[q]] > 0:
-                continue
-            judge(s, x, q, y[n, q], work)
-            observe_errors(s, x, q, work.e)
-            if (x.samples[0] + q) % WEIGH == 0 or x.age[x.group[q]] <= 2 * p:
-                weigh(s, x, q, work.e)
-            if (x.samples[0] + q) % SHARPEN == 0 or x.age[x.group[q]] <= 2 * p:
-                find_sharpest(x, q)
-            mix(x, q, y[n, q], work.phi, work.e)
-            if (x.samples[0] + q) % KEEP == 0:
-                keep_best(s, x, q, noise[n], work.e, work.w, work.squares)
+        update_rows(s, x, y[n], noise[n], work)
         keep_reference(s, x)
         x.samples[0] += 1
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
@@ -109,6 +99,25 @@ def advance_bank(
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: BankWork) -> None:
+    """Judge and mix the members that have taken the sample y (r,), row by row; noise (r,) of the states."""
+    settled = 2 * work.phi.shape[0]
+    for q in range(y.shape[0]):
+        if x.waiting[x.group[q]] > 0:
+            continue
+        judge(s, x, q, y[q], work)
+        observe_errors(s, x, q, work.e)
+        turn, young = x.samples[0] + q, x.age[x.group[q]] <= settled
+        if turn % WEIGH == 0 or young:
+            weigh(s, x, q, work.e)
+        if turn % SHARPEN == 0 or young:
+            find_sharpest(x, q)
+        mix(x, q, y[q], work.phi, work.e)
+        if turn % KEEP == 0:
+            keep_best(s, x, q, noise, work.e, work.w, work.squares)
 
 
 @compiled

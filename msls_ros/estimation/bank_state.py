@@ -248,6 +248,12 @@ class BankWork(NamedTuple):
     """(r, k)"""
     information: Array
     """(r, k) about the change, by row."""
+    difference: Array
+    """(p,) of its estimates from older ones."""
+    factor: Array
+    """(p, p) of one member."""
+    steps: Array
+    """(k, p) the direction of each surface's loss in it, its squared length first."""
 
 
 def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
@@ -325,7 +331,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     return BankWork(
         *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e),
         *(np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
-        *(np.zeros((rows, k)), np.zeros((rows, k))),
+        *(np.zeros((rows, k)), np.zeros((rows, k)), np.zeros(p), np.zeros((p, p)), np.zeros((k, p))),
     )
 
 
@@ -361,3 +367,11 @@ def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
         x.R[g, i, i, m] = s.prior[i, m]
         x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
     x.taken[g, m] = 0.0
+
+
+@compiled
+def copy_rows(of: Array, to: Array) -> None:
+    """Copy a matrix: (n, k) each."""
+    for i in range(of.shape[0]):
+        for j in range(of.shape[1]):
+            to[i, j] = of[i, j]

@@ -15,7 +15,7 @@ import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
 from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.compiled import compiled, warn_if_interpreted
+from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
 from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
@@ -28,7 +28,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
-from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.soundness import SOUND, all_within
 from msls_ros.estimation.state import COLOURS
 from msls_ros.estimation.supervision import Supervisor
 
@@ -350,7 +350,7 @@ class Identifier:
             if array.shape != (len(time), width):
                 message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
                 raise EstimationError(message)
-            if not within(array, LARGEST):
+            if not all_within(array, LARGEST):
                 message = (
                     f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
                 )
@@ -388,17 +388,6 @@ class Identifier:
             events=self.take_events(),
             dither=self._dither,
         )
-
-
-@compiled
-def within(array: Array, limit: float) -> bool:
-    """Whether every number of an array (n, m) is less than the limit in size, and a number."""
-    outside = 0
-    for i in range(array.shape[0]):
-        for j in range(array.shape[1]):
-            if not abs(array[i, j]) < limit:
-                outside += 1
-    return outside == 0
 
 
 def _two(array: Array) -> Array:

@@ -152,7 +152,9 @@ class IsolationParameters:
     significance: float = parameter(
         4.0, "least deviation of the column that changed", unit="sigma", low=0.0, high=100.0
     )
-    explained: float = parameter(0.7, "least share of the change that the changed columns explain", low=0.0, high=1.0)
+    explained: float = parameter(
+        0.7, "msls: least share of the change that the changed columns explain", low=0.0, high=1.0
+    )
     largest_error: float = parameter(0.08, "msls: largest standard error of the effectiveness", low=0.0, high=10.0)
     least_samples: int = parameter(
         5, "samples, beyond one per regressor, before anything is said", unit="samples", low=1, high=10000

@@ -95,11 +95,11 @@ def exceeds(values: Array, limit: float) -> bool:
 
 @compiled
 def all_within(values: Array, limit: float) -> bool:
-    """Whether all of (n, m) are numbers no larger than the limit."""
+    """Whether all of (n, m) are numbers smaller in size than the limit."""
     outside = 0
     for i in range(values.shape[0]):
         for k in range(values.shape[1]):
-            if not abs(values[i, k]) <= limit:
+            if not abs(values[i, k]) < limit:
                 outside += 1
     return outside == 0
 

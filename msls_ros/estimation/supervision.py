@@ -86,7 +86,7 @@ class Supervisor:
         names = tuple(self._c.rows[q] for q in found)
         values = tuple(float(statistic[q]) - self._offset for q in found)
         equations = ", ".join(f"d{n}/dt" for n in names)
-        text = f"abrupt change in {equations}: the prediction error jumped at {time:.3f} s"
+        text = f"abrupt change in {equations}, detected at {time:.3f} s"
         limits = (self._threshold,) * len(found)
         return FaultEvent(time, EventKind.DETECTED, names, values, limits, description=text)
 

@@ -7,7 +7,8 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
-from msls_ros.estimation.bank_losses import compare_surfaces, forget_direction
+from msls_ros.estimation.bank_forgetting import forget_direction
+from msls_ros.estimation.bank_losses import compare_surfaces
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 

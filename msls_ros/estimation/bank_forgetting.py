@@ -1,0 +1,156 @@
+"""What follows a loss of a surface: what is known of that one direction is forgotten, and nothing else.
+
+`bank_losses` says which surface keeps the share ``1 + c`` of its effect. The effectors' columns move by c along its
+direction a in all estimates of the rows concerned, and the factors lose their information along a, so that it is learnt
+anew with all else known.
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank import find_information
+from msls_ros.estimation.bank_losses import noise_of
+from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+
+@compiled
+def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
+    """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone."""
+    for g in range(x.age.shape[0]):
+        inside = 0
+        others = 0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g:
+                inside += work.concerned[q]
+                others += 1 - work.concerned[q]
+        if inside == 0:
+            continue
+        target = g if others == 0 else empty_group(x)
+        if target < 0:
+            target = g
+        if target != g:
+            copy_group(x, g, target)
+        precision = 0.0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g and work.concerned[q] != 0:
+                x.group[q] = target
+                effect = effect_of(s, x.theta_before[q], k)
+                precision = max(precision, effect * effect / noise_of(s, x, q))
+                shift_row(s, x, q, k, effect * (1.0 + work.change[k]))
+        for m in range(s.forgetting.shape[0]):
+            forget_direction(s, x.R[target], m, k, precision, work)
+        find_information(x.R[target], work.V, x.info[target])
+    x.kept[1] = x.kept[0]
+    for a in range(x.run.shape[0]):
+        x.run[a] = 0
+
+
+@compiled
+def empty_group(x: BankState) -> int:
+    """Return a group without rows; negative: there is none."""
+    for g in range(x.age.shape[0]):
+        rows = 0
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g:
+                rows += 1
+        if rows == 0:
+            return g
+    return -1
+
+
+@compiled
+def copy_group(x: BankState, g: int, target: int) -> None:
+    """Give another group the history of group g."""
+    for i in range(x.R.shape[1]):
+        copy_rows(x.R[g, i], x.R[target, i])
+    copy_rows(x.info[g], x.info[target])
+    for m in range(x.taken.shape[1]):
+        x.deviation[target, m] = x.deviation[g, m]
+        x.log[target, m] = x.log[g, m]
+        x.taken[target, m] = x.taken[g, m]
+    x.age[target] = x.age[g]
+    x.shared_gate[target] = x.shared_gate[g]
+    x.waiting[target] = x.waiting[g]
+
+
+@compiled
+def effect_of(s: BankSettings, theta: Array, k: int) -> float:
+    """Effect of surface k by itself in a row with estimates (p,), constant first."""
+    effect = 0.0
+    for j in range(s.shares.shape[1]):
+        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
+    return effect
+
+
+@compiled
+def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> None:
+    """Give surface k the effect in all estimates of row q, and forget that its effectors were known."""
+    first = s.effectors_from + 1
+    for m in range(x.members.shape[2]):
+        now = 0.0
+        for j in range(s.shares.shape[1]):
+            now += s.shares[k, j] * x.members[q, first + j, m]
+        for j in range(s.gains.shape[1]):
+            x.members[q, first + j, m] += (effect - now) * s.gains[k, j]
+            for n in range(x.past.shape[0]):
+                x.past[n, q, first + j, m] += (effect - now) * s.gains[k, j]
+    step = effect - effect_of(s, x.mixed[q], k)
+    for j in range(s.gains.shape[1]):
+        if s.gains[k, j] != 0.0:
+            x.mixed[q, first + j] += step * s.gains[k, j]
+            x.theta[q, first + j - 1] = x.mixed[q, first + j]
+            x.best_square[q, first + j] = math.inf
+            x.square[q, first + j] = math.inf
+
+
+@compiled
+def forget_direction(s: BankSettings, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
+    """Add ``precision a a'`` to the covariance ``(R'R)^-1`` of member m, a the direction of surface k.
+
+    With ``u = R a`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
+    triangular again by Givens rotations.
+    """
+    p = R.shape[0]
+    first = s.effectors_from + 1
+    u = work.w
+    size = 0.0
+    for i in range(p):
+        u[i] = 0.0
+        for j in range(s.gains.shape[1]):
+            if first + j >= i:
+                u[i] += R[i, first + j, m] * s.gains[k, j]
+        size += u[i] * u[i]
+    if size <= 0.0:
+        return
+    share = (1.0 - 1.0 / math.sqrt(1.0 + precision * size)) / size
+    for j in range(p):
+        along = 0.0
+        for i in range(j + 1):
+            along += u[i] * R[i, j, m]
+        for i in range(p):
+            R[i, j, m] -= share * u[i] * along
+    triangulate(R, m)
+
+
+@compiled
+def triangulate(R: Array, m: int) -> None:
+    """Make the factor of member m, (p, p, m), upper triangular with a positive diagonal again."""
+    p = R.shape[0]
+    for j in range(p):
+        for i in range(j + 1, p):
+            a = R[j, j, m]
+            b = R[i, j, m]
+            r = math.sqrt(a * a + b * b)
+            if r > 0.0:
+                for n in range(j, p):
+                    top = R[j, n, m]
+                    low = R[i, n, m]
+                    R[j, n, m] = (a * top + b * low) / r
+                    R[i, n, m] = (a * low - b * top) / r
+            R[i, j, m] = 0.0
+        if R[j, j, m] < 0.0:
+            for n in range(j, p):
+                R[j, n, m] = -R[j, n, m]
