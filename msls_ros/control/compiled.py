@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
-from msls_ros.estimation.compiled import HAVE_NUMBA, compile_kept
+from msls_ros.estimation.compiled import HAVE_NUMBA, Kernel
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -15,4 +15,4 @@ OPTIONS: dict[str, Any] = {"cache": True, "fastmath": False, "error_model": "num
 
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a kernel with numba: no fastmath, no allocation; without numba return it as it is."""
-    return compile_kept(function, OPTIONS) if HAVE_NUMBA else function
+    return cast(Callable[P, T], Kernel(function, OPTIONS)) if HAVE_NUMBA else function

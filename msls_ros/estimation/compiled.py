@@ -8,6 +8,8 @@ the room; and nothing else, so that other clones of the same sources compile not
 Kernels write into arrays that they are given and allocate none, so they are compiled without numba's run time for
 memory: it would count the references to every array of a state at every call of a helper, with atomic operations, which
 takes four times as long as the arithmetic. A kernel that allocates does not compile.
+
+Numba is imported when the first kernel runs: programs that run none start two seconds earlier.
 """
 
 from __future__ import annotations
@@ -19,28 +21,23 @@ import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping
-from importlib import metadata
+from collections.abc import Callable, Iterable, Mapping
+from importlib import import_module, metadata
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, ParamSpec, TypeVar
+from typing import Any, ParamSpec, TypeVar, cast
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
-try:
-    import numba
-
-    numba_config: Any = numba.config
-    HAVE_NUMBA = not numba_config.DISABLE_JIT
-except ImportError:
-    HAVE_NUMBA = False
+HAVE_NUMBA = find_spec("numba") is not None and not os.environ.get("NUMBA_DISABLE_JIT", "0").strip("0")
 
 OPTIONS: dict[str, Any] = {"cache": True, "fastmath": False, "error_model": "numpy", "forceinline": True, "_nrt": False}
 
 INTERPRETED_SAMPLE, INTERPRETED_STEP = 1.6e-4, 3.1e-7
 """What a sample costs interpreted, beside and per multiply-add [s]; CPython 3.11 on a server of 2025."""
 
-KERNELS: list[Any] = []
+KERNELS: list[Kernel] = []
 """Every compiled kernel of the room; empty where the kernels are interpreted."""
 
 VERSIONS = 6
@@ -104,17 +101,11 @@ class Locator:
         return str(self._line)
 
 
-def compiled(function: Callable[P, T]) -> Callable[P, T]:
-    """Compile a kernel with numba: no fastmath, no allocation; without numba return it as it is."""
-    if not HAVE_NUMBA:
-        return function
-    kernel = compile_kept(function, OPTIONS)
-    KERNELS.append(kernel)
-    return kernel
+class Kernel:
+    """A function that is compiled when it is first called, for Python and for other kernels apart.
 
-
-def compile_kept(function: Callable[P, T], options: Mapping[str, Any]) -> Callable[P, T]:
-    """Compile a kernel that is kept on disk for other processes; without keeping it where no folder can be written.
+    A kernel that takes a state of fifty arrays needs more code to unpack them from Python's objects than for the
+    arithmetic. The kernels that Python never calls, most of them, are not compiled with it: half of the time.
 
     Parameters
     ----------
@@ -122,50 +113,67 @@ def compile_kept(function: Callable[P, T], options: Mapping[str, Any]) -> Callab
         As it is interpreted.
     options
         For ``numba.njit``.
-
-    Returns
-    -------
-    Callable
-        Compiled at its first call.
-    """
-    changes = {"CACHE_LOCATOR_CLASSES": f"{__name__}.{Locator.__name__}"}
-    if not hasattr(numba_config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
-        changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(function)).parent))}
-    before = {name: getattr(numba_config, name) for name in changes}
-    vars(numba_config).update(changes)
-    try:
-        with_cache: Callable[P, T] = _with_twin(function, options)
-    except RuntimeError:  # numba: "no locator available"
-        without: Callable[P, T] = _with_twin(function, {**options, "cache": False})
-        return without
-    finally:
-        vars(numba_config).update(before)
-    return with_cache
-
-
-def _with_twin(function: Callable[P, T], options: Mapping[str, Any]) -> Any:
-    """Return a kernel for Python, and in it the twin that other kernels call."""
-    njit: Any = numba.njit
-    kernel = njit(**options, no_cfunc_wrapper=True)(function)
-    inlined = {**options, "cache": False, "no_cfunc_wrapper": True, "no_cpython_wrapper": True}
-    kernel.inlined = njit(**inlined)(function)  # is part of its callers, which are kept
-    dispatcher: Any = type(kernel)
-    kernel.__class__ = _kernel_class(dispatcher)
-    return kernel
-
-
-@functools.cache
-def _kernel_class(dispatcher: Any) -> Any:
-    """Return numba's class of compiled functions with another type where a kernel calls one: that of its twin.
-
-    A kernel that takes a state of fifty arrays needs more code to unpack them from Python's objects than for the
-    arithmetic, and it would be compiled for all the kernels that Python never calls: half of the time.
     """
 
-    def twin(kernel: Any) -> Any:
-        return numba.types.Dispatcher(kernel.inlined)
+    def __init__(self, function: Callable[..., Any], options: Mapping[str, Any]) -> None:
+        """Take it; see the class."""
+        functools.update_wrapper(self, function)
+        self._function = function
+        self._options = {**options, "no_cfunc_wrapper": True}
 
-    return type("Kernel", (dispatcher,), {"_numba_type_": property(twin)})
+    def __call__(self, *arguments: Any) -> Any:
+        """Run it, compiled for these types of arguments."""
+        return self.dispatcher(*arguments)
+
+    @functools.cached_property
+    def dispatcher(self) -> Any:
+        """What Python calls: of numba; it is kept on disk, with all that it calls."""
+        config: Any = _numba().config
+        changes = {"CACHE_LOCATOR_CLASSES": f"{__name__}.{Locator.__name__}"}
+        if not hasattr(config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
+            changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(self._function)).parent))}
+        before = {name: getattr(config, name) for name in changes}
+        vars(config).update(changes)
+        try:
+            return _numba().njit(**self._options)(self._function)
+        except RuntimeError:  # numba: "no locator available"
+            return _numba().njit(**{**self._options, "cache": False})(self._function)
+        finally:
+            vars(config).update(before)
+
+    @functools.cached_property
+    def inlined(self) -> Any:
+        """What other kernels call: of numba, part of them."""
+        return _numba().njit(**{**self._options, "cache": False, "no_cpython_wrapper": True})(self._function)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What numba takes a kernel for that it meets in another one."""
+        return _numba().types.Dispatcher(self.inlined)
+
+    def version(self, arguments: Iterable[Any]) -> Callable[..., Any]:
+        """Return what takes arguments of these types, and no others."""
+        found: Callable[..., Any] = self.dispatcher.compile(tuple(map(_numba().typeof, arguments)))
+        return found
+
+    @property
+    def versions(self) -> int:
+        """How many have been compiled or loaded."""
+        made = [vars(self)[name] for name in ("dispatcher", "inlined") if name in vars(self)]
+        return sum(len(one.signatures) for one in made)
+
+
+def compiled(function: Callable[P, T]) -> Callable[P, T]:
+    """Compile a kernel with numba: no fastmath, no allocation; without numba return it as it is."""
+    if not HAVE_NUMBA:
+        return function
+    kernel = Kernel(function, OPTIONS)
+    KERNELS.append(kernel)
+    return cast(Callable[P, T], kernel)
+
+
+def _numba() -> Any:
+    return import_module("numba")
 
 
 class Bound:
@@ -188,10 +196,7 @@ class Bound:
     def __call__(self, *arguments: Any) -> Any:
         """Call it; after the first call without a look at the types."""
         if self._version is None:
-            self._version = self._kernel
-            if HAVE_NUMBA:
-                typeof: Callable[[Any], Any] = numba.typeof
-                self._version = self._kernel.compile(tuple(map(typeof, arguments)))
+            self._version = self._kernel.version(arguments) if isinstance(self._kernel, Kernel) else self._kernel
         return self._version(*arguments)
 
 
@@ -218,11 +223,11 @@ def _cache_folder(room: Path) -> Path:
 
     A kernel may call those of its own room and of this one.
     """
-    digest = hashlib.sha256(f"{numba.__version__} {metadata.version('llvmlite')}".encode())
+    digest = hashlib.sha256(f"{metadata.version('numba')} {metadata.version('llvmlite')}".encode())
     for folder in (Path(__file__).parent, room):
         for source in sorted(folder.glob("*.py")):
             digest.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
-    base = numba_config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
+    base = _numba().config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "msls_ros" / f"{room.name}-{digest.hexdigest()[:16]}"
 
 

@@ -82,26 +82,26 @@ def test_two_jobs_give_the_same_table_as_one(tmp_path: Path, capsys: pytest.Capt
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_a_killed_campaign_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str], jobs: int) -> None:
-    todo = [write(tmp_path, duration="6.0"), "--seeds", 30]
+    todo = [write(tmp_path, duration="6.0"), "--seeds", 16]
     run(capsys, *todo, "--out", tmp_path / "whole")
     process = start(*todo, "--jobs", jobs, "--out", tmp_path / "killed")
     wait_for(tmp_path / "killed", 3, lambda: process.poll() is None)
     process.kill()
     process.communicate()
     before = kept(tmp_path / "killed")
-    assert 3 <= len(before) < 30
+    assert 3 <= len(before) < 16
     code, _, err = run(capsys, *todo, "--out", tmp_path / "killed")
-    assert (code, err[-1]) == (0, f"campaign: {len(before)} of 30 flights are in '{tmp_path / 'killed'}'")
+    assert (code, err[-1]) == (0, f"campaign: {len(before)} of 16 flights are in '{tmp_path / 'killed'}'")
     after = kept(tmp_path / "killed")
     assert after[: len(before)] == before
-    assert len(after) == len({json.loads(line)["key"] for line in after}) == 30
+    assert len(after) == len({json.loads(line)["key"] for line in after}) == 16
     assert table(tmp_path / "killed") == table(tmp_path / "whole")
 
 
 def test_a_killed_worker_costs_only_time(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], scheduler: str, worker: Callable[..., int]
 ) -> None:
-    todo = [write(tmp_path, duration="6.0"), "--seeds", 24]
+    todo = [write(tmp_path, duration="6.0"), "--seeds", 14]
     run(capsys, *todo, "--out", tmp_path / "one")
     victim, _ = worker(), worker()
     done: list[int] = []
@@ -118,8 +118,8 @@ def test_a_killed_worker_costs_only_time(
     over.set()
     killer.join()
     assert (code, err) == (0, [])
-    assert 2 <= done[0] < 24
-    assert len(kept(tmp_path / "two")) == 24
+    assert 2 <= done[0] < 14
+    assert len(kept(tmp_path / "two")) == 14
     assert table(tmp_path / "two") == table(tmp_path / "one")
 
 

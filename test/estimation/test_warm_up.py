@@ -73,7 +73,7 @@ def test_a_kernel_is_compiled_where_no_cache_can_be_written(monkeypatch: pytest.
     monkeypatch.setattr(room, "KERNELS", [])
     twice = room.compiled(_kernel(tmp_path / "clone", "2.0"))
     assert twice(2.0) == 4.0 and [twice] == room.KERNELS
-    assert cast(Any, twice).stats.cache_path is None
+    assert cast(Any, twice).dispatcher.stats.cache_path is None
 
 
 def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -82,7 +82,7 @@ def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest
     before = dict(vars(numba.config))
     found = []
     for clone, factor in (("one", "2.0"), ("two", "2.0"), ("three", "3.0")):
-        kernel: Any = room.compile_kept(_kernel(tmp_path / clone, factor), room.OPTIONS)
+        kernel: Any = room.Kernel(_kernel(tmp_path / clone, factor), room.OPTIONS).dispatcher
         found.append((kernel(2.0), sum(kernel.stats.cache_hits.values())))
     assert found == [(4.0, 0), (4.0, 1), (6.0, 0)]
     assert dict(vars(numba.config)) == before, "numba's settings of others are as they were"
@@ -97,7 +97,7 @@ def test_kernels_of_old_versions_make_room_for_a_new_one(monkeypatch: pytest.Mon
         folder.mkdir(parents=True)
         (folder / "kernel.nbc").write_bytes(b"compiled")
         os.utime(folder, (1e9 - age, 1e9 - age))
-    kernel: Any = room.compile_kept(_kernel(tmp_path / "clone", "2.0"), room.OPTIONS)
+    kernel: Any = room.Kernel(_kernel(tmp_path / "clone", "2.0"), room.OPTIONS)
     assert kernel(2.0) == 4.0
     (new,) = {one for one in other.parent.iterdir() if one not in (*old, other)}
     assert {one for one in old if one.exists()} == set(old[: room.VERSIONS - 1])
