@@ -9,6 +9,7 @@ import os
 import platform
 import re
 import shutil
+import signal
 import subprocess
 import sys
 import time
@@ -25,6 +26,7 @@ VENV_STAMP = VENV / "msls_stamp.json"
 BUILD_STAMP = INSTALL / "msls_stamp.json"
 LOCK = "requirements.lock"
 EXTRA_LOCKS = {"benchmark": "requirements-benchmark.lock"}  # executables that need more packages
+NODES = ("identifier", "mixer", "controller", "plant", "pilot", "recorder")
 SETUP_VERSION = 1  # raise it to make every set-up start anew
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
@@ -469,6 +471,8 @@ def main(arguments: Sequence[str]) -> Optional[int]:
     if name == "test":
         test(rest, env)
     if name != "setup":
+        if name in NODES and "--repair" not in rest:  # Python takes them back when the node is ready for them: none meets an interpreter half begun
+            signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         script = [] if name == "python" else [str(INSTALL / "msls_ros" / "lib" / "msls_ros" / name)]
         execute([PYTHON, *script, *rest], env)
     return 0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 
-from msls_ros.commands.arguments import print_text
 from msls_ros.nodes.stopping import Stopping
 
 REPAIR = (
@@ -37,6 +36,7 @@ def _repair(arguments: Sequence[str]) -> int:
         print(REPAIR if asked else f"recorder: expected one bag; {_EXPECTED}", file=sys.stdout if asked else sys.stderr)
         return 0 if asked else 2
     from msls_ros.bags import BagError, repair
+    from msls_ros.commands.arguments import print_text
 
     try:
         done = repair(arguments[0])

@@ -33,6 +33,7 @@ class Stopping:
         self._handlers = {s: signal.signal(s, lambda *_: None) for s in SIGNALS}
         self._fd = signal.set_wakeup_fd(self._write, warn_on_full_buffer=False)
         threading.Thread(target=self._listen, name="signals", daemon=True).start()
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, SIGNALS)  # who starts us may hold them back until here
         return self
 
     def __exit__(

@@ -95,3 +95,18 @@ def test_told_to_stop_it_ends_with_0_and_its_last_dither_is_inhibited(
         _, err = process.communicate(timeout=LIMIT)
     assert process.returncode == 0, err
     assert "Traceback" not in err and "terminate called" not in err, err
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("node", ["identifier", "mixer", "controller", "plant", "pilot", "recorder"])
+def test_held_back_by_who_starts_it_a_signal_comes_when_the_node_can_take_it(node: str, how: signal.Signals) -> None:
+    process = subprocess.Popen(
+        [sys.executable, "-c", f"import sys; from msls_ros.commands.{node} import main; sys.exit(main())"],
+        env={**os.environ, "PYTHONWARNINGS": "ignore"},
+        text=True,
+        stderr=subprocess.PIPE,
+        preexec_fn=lambda: signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM)),
+    )
+    process.send_signal(how)  # while Python itself begins
+    _, err = process.communicate(timeout=LIMIT)
+    assert (process.returncode, err) == (0, "")
