@@ -471,7 +471,7 @@ def main(arguments: Sequence[str]) -> Optional[int]:
     if name == "test":
         test(rest, env)
     if name != "setup":
-        if name in NODES and "--repair" not in rest:  # Python takes them back when the node is ready for them: none meets an interpreter half begun
+        if name in NODES and "--repair" not in rest:  # the node lets them through when it can take them
             signal.pthread_sigmask(signal.SIG_BLOCK, (signal.SIGINT, signal.SIGTERM))
         script = [] if name == "python" else [str(INSTALL / "msls_ros" / "lib" / "msls_ros" / name)]
         execute([PYTHON, *script, *rest], env)

@@ -1,23 +1,29 @@
-"""Whether the outputs answer the regressors of now, or those of a sample ago.
+"""Whether the outputs answer the effectors of now, or those of a sample ago.
 
-A response that is recorded late, or a deflection that is recorded early, makes estimates too small where the input
-moves from sample to sample, as dither does: the prediction errors look white, and no error bar shows it. But a right
-model leaves nothing in its errors e that past inputs explain. With h the regressor above its mean of the last tenth of
-a second, and means with a memory of seconds::
+A response that is recorded late, or a deflection that is recorded early, biases estimates where the input moves from
+sample to sample, as dither does: of the effectors, whose effect then seems too small, and of the states, which answer
+the last input and stand in for it. The prediction errors look white, and no error bar shows it. But a right model
+leaves nothing in its errors e that past inputs explain. With h the regressors above their mean of the last tenth of a
+second, of which u_i(k) = h_i(k-1) - h_i(k) is what a delay of effector i by a sample would change, sums over seconds::
 
-    lag_qi = mean e_q(k) h_i(k-1) / mean h_i^2        beyond what chance makes of it
-    b_qi   = lag_qi / (1 + rho_i) * min(mean h_i^2 / I_i, 1)
+    M = sum h h',   d_i = sum h u_i,   w_i = M^-1 d_i
+    c_i = sum e h_i(k-1) / (sum u_i^2 - d_i' w_i)         beyond what chance makes of it
+    b_j = sum_i c_i w_ij * min(1 / (M^-1)_jj / I_j, 1)
 
-``rho`` is the autocorrelation of h, and I the information about the coefficient per sample: the last factor is the
-share of it that is so quick, for slow inputs hardly see a delay. b is what the estimate would change by if the errors
-were regressed on the present and the last input, and so what it may be off by.
+c_i is the part of the effect that comes a sample late, by the regression of e on u_i with the regressors partialled
+out, and b what least squares without u is off by. I is the information about the coefficient: the last factor is the
+share of it that is so quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in
+a way of its own, so its error is anything between nothing and b: a variance of ``b^2/3`` (measured: .2 to .7 of b).
 
 References
 ----------
-Ljung, *System Identification*, 2nd ed., section 16.6 (residuals against past inputs).
+Ljung, *System Identification*, 2nd ed., section 16.6 (residuals against past inputs). Greene, *Econometric Analysis*,
+section 4.3 (bias by omitted variables).
 """
 
 from __future__ import annotations
+
+import math
 
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -25,53 +31,131 @@ from msls_ros.estimation.kernel import Array
 
 BY_CHANCE = 4.0
 """Squared standard errors that a correlation may have by chance."""
-OPPOSITE = -0.5
-"""Least autocorrelation of the inputs that counts."""
+APART = 0.05
+"""Least share of u that the regressors leave unexplained: below, c cannot be known."""
+REDUNDANT = 1e-9
+"""Least share of a regressor's square that the others leave unexplained, for it to count."""
 
 
 @compiled
 def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Update how quickly the regressors move: (p,), constant first."""
-    start = 1.0 / (x.samples[0] + 1.0)
-    for i in range(1, phi.shape[0]):
-        x.quick_mean[i] += max(start, s.quick) * (phi[i] - x.quick_mean[i])
-        last = x.quick[i, 0]
-        now = phi[i] - x.quick_mean[i]
-        x.quick[i, 1] = last
-        x.quick[i, 0] = now
-        x.quick_power[i, 0] = s.colour_forgetting * x.quick_power[i, 0] + now * now
-        x.quick_power[i, 1] = s.colour_forgetting * x.quick_power[i, 1] + now * last
-        x.quick_power[i, 2] = s.colour_forgetting * x.quick_power[i, 2] + 1.0
+    """Update how quickly the regressors move, and what effectors a sample late would change: (p,), constant first."""
+    start = max(1.0 / (x.samples[0] + 1.0), s.quick)
+    first = s.effectors_from + 1
+    fade = s.colour_forgetting
+    p = phi.shape[0]
+    x.quick_samples[0] = fade * x.quick_samples[0] + 1.0
+    for j in range(x.cross.shape[1]):
+        x.quick[first + j, 1] = x.quick[first + j, 0]
+    for i in range(1, p):
+        x.quick_mean[i] += start * (phi[i] - x.quick_mean[i])
+        x.quick[i, 0] = phi[i] - x.quick_mean[i]
+        for k in range(1, i + 1):
+            x.moment[i, k] = fade * x.moment[i, k] + x.quick[i, 0] * x.quick[k, 0]
+    for j in range(x.cross.shape[1]):
+        step = x.quick[first + j, 1] - x.quick[first + j, 0]
+        x.quick_power[j] = fade * x.quick_power[j] + step * step
+        for i in range(1, p):
+            x.quick_moment[j, i] = fade * x.quick_moment[j, i] + x.quick[i, 0] * step
 
 
 @compiled
 def observe_lag(s: BankSettings, x: BankState, q: int, error: float) -> None:
-    """Update what row q's prediction errors have in common with the last regressors."""
-    for i in range(1, x.quick.shape[0]):
-        x.cross[q, i] = s.colour_forgetting * x.cross[q, i] + error * x.quick[i, 1]
+    """Update what row q's prediction errors have in common with the last effectors."""
+    first = s.effectors_from + 1
+    for j in range(x.cross.shape[1]):
+        x.cross[q, j] = s.colour_forgetting * x.cross[q, j] + error * x.quick[first + j, 1]
 
 
 @compiled
-def lag_square(s: BankSettings, x: BankState, q: int, i: int, variance: float) -> float:
-    """Square of what coefficient i (constant first) of row q may be off by because outputs and inputs are not in step.
+def regress_steps(x: BankState, factor: Array, w: Array) -> None:
+    """Regress the steps of the effectors on the regressors: ``x.late`` w_i, ``x.unexplained`` what is left of u_i.
+
+    Parameters
+    ----------
+    x
+        State; ``x.quick_info`` becomes ``1/(M^-1)_ii``.
+    factor
+        (p, p) scratch: the Cholesky factor of M, lower triangular, with the inverses of its pivots; a regressor that
+        the others make up counts nothing.
+    w
+        (p,) scratch.
+    """
+    p = factor.shape[0]
+    for i in range(p):
+        for k in range(i + 1):
+            total = x.moment[i, k]
+            for n in range(k):
+                total -= factor[i, n] * factor[k, n]
+            if k < i:
+                factor[i, k] = total * factor[k, k]
+            else:
+                factor[i, i] = 1.0 / math.sqrt(total) if total > REDUNDANT * x.moment[i, i] else 0.0
+    for i in range(p):
+        for n in range(p):
+            w[n] = 0.0
+        w[i] = 1.0
+        variance = solve_forward(factor, w)
+        x.quick_info[i] = 1.0 / variance if variance > 0.0 else 0.0
+    for j in range(x.late.shape[0]):
+        late = x.late[j]
+        for i in range(p):
+            late[i] = x.quick_moment[j, i]
+        left = x.quick_power[j] - solve_forward(factor, late)
+        for i in range(p - 1, -1, -1):
+            total = late[i]
+            for k in range(i + 1, p):
+                total -= factor[k, i] * late[k]
+            late[i] = total * factor[i, i]
+        x.unexplained[j] = left if left > APART * x.quick_power[j] else 0.0
+
+
+@compiled
+def solve_forward(factor: Array, w: Array) -> float:
+    """Solve ``L y = w`` in place, pivots inverted; return ``y'y``."""
+    size = 0.0
+    for i in range(w.shape[0]):
+        total = w[i]
+        for k in range(i):
+            total -= factor[i, k] * w[k]
+        w[i] = total * factor[i, i]
+        size += w[i] * w[i]
+    return size
+
+
+@compiled
+def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> None:
+    """Find what row q's estimates may be off by because outputs and effectors are not in step: ``x.lag_bias``.
 
     Parameters
     ----------
     s, x
-        Settings and state.
-    q, i
-        Row and regressor.
+        Settings, and state after `regress_steps`.
+    q
+        Row.
     variance
         Of the row's prediction errors.
     """
-    power = x.quick_power[i, 0]
-    if power <= 0.0:
-        return 0.0
-    lag = x.cross[q, i] / power
-    square = lag * lag - BY_CHANCE * variance / power
-    if square <= 0.0:
-        return 0.0
+    bias = x.lag_bias[q]
     g = x.group[q]
-    information = x.info[g, i, s.recent] / max(x.taken[g, s.recent], 1.0)
-    share = min(power / x.quick_power[i, 2] / information, 1.0) / (1.0 + max(x.quick_power[i, 1] / power, OPPOSITE))
-    return float(square * share * share)
+    for i in range(bias.shape[0]):
+        bias[i] = 0.0
+    for j in range(x.late.shape[0]):
+        left = x.unexplained[j]
+        if left <= 0.0:
+            continue
+        c = x.cross[q, j] / left
+        certain = c * c - BY_CHANCE * variance / left
+        if certain > 0.0:
+            c = math.copysign(math.sqrt(certain), c)
+            for i in range(bias.shape[0]):
+                bias[i] += c * x.late[j, i]
+    samples = max(x.taken[g, s.recent], 1.0) / x.quick_samples[0]
+    for i in range(bias.shape[0]):
+        bias[i] *= min(samples * x.quick_info[i] / x.info[g, i, s.recent], 1.0)
+
+
+@compiled
+def lag_square(x: BankState, q: int, i: int) -> float:
+    """Variance of what row q's coefficient i may be off by: uniform between 0 and b."""
+    return float(x.lag_bias[q, i] * x.lag_bias[q, i] / 3.0)

@@ -12,7 +12,7 @@ from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss
-from msls_ros.estimation.bank_lags import observe_inputs
+from msls_ros.estimation.bank_lags import observe_inputs, regress_steps
 from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
@@ -105,6 +105,8 @@ def advance_bank(
 def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: BankWork) -> None:
     """Judge and mix the members that have taken the sample y (r,), row by row; noise (r,) of the states."""
     settled = 2 * work.phi.shape[0]
+    if x.samples[0] % KEEP == 0:
+        regress_steps(x, work.factor, work.w)
     for q in range(y.shape[0]):
         if x.waiting[x.group[q]] > 0:
             continue

@@ -88,7 +88,7 @@ class BankSettings(NamedTuple):
 
 
 class BankState(NamedTuple):
-    """Everything that changes; g groups, m members, p regressors (constant first), r rows."""
+    """Everything that changes; g groups, m members, p regressors (constant first), c effectors, r rows."""
 
     R: Array
     """(g, p, p, m) factors."""
@@ -157,13 +157,27 @@ class BankState(NamedTuple):
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     quick: Array
-    """(p, 2) the regressors above their mean of the last moment, now and at the last sample; see `bank_lags`."""
+    """(p, 2) the regressors above their mean of the last moment, and the effectors at the last sample; `bank_lags`."""
     quick_mean: Array
     """(p,) that mean."""
+    quick_samples: Array
+    """(1,) weighted number of samples in the sums that follow."""
+    moment: Array
+    """(p, p) weighted sums of products of the first, lower triangle."""
+    quick_info: Array
+    """(p,) information about each coefficient that is so quick."""
     quick_power: Array
-    """(p, 3) sums of squares of the first, products with the last, and how many."""
+    """(c,) sums of squares of the steps of the effectors."""
+    quick_moment: Array
+    """(c, p) sums of products of these steps with the regressors."""
+    late: Array
+    """(c, p) regression of these steps on the regressors."""
+    unexplained: Array
+    """(c,) what it leaves of their sums of squares; 0: too little."""
     cross: Array
-    """(r, p) sums of prediction errors times the last regressors."""
+    """(r, c) sums of prediction errors times the last effectors."""
+    lag_bias: Array
+    """(r, p) what the estimates may be off by because outputs and effectors are not in step."""
     pending: Integers
     """(r,) 1 from an alarm of the row until it is settled what changed."""
     theta_before: Array
@@ -259,7 +273,7 @@ class BankWork(NamedTuple):
 def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     """Allocate a state; `clear_bank` makes it valid."""
     p, m = s.prior.shape
-    w = int(s.windows[-1])
+    w, effectors = int(s.windows[-1]), s.effectors_to - s.effectors_from
     kept = int(max(s.loss_delays, default=0)) + 1
     return BankState(
         R=np.zeros((groups, p, p, m)),
@@ -297,8 +311,15 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         colour=np.zeros((rows, 2)),
         quick=np.zeros((p, 2)),
         quick_mean=np.zeros(p),
-        quick_power=np.zeros((p, 3)),
-        cross=np.zeros((rows, p)),
+        quick_samples=np.zeros(1),
+        moment=np.zeros((p, p)),
+        quick_info=np.zeros(p),
+        quick_power=np.zeros(effectors),
+        quick_moment=np.zeros((effectors, p)),
+        late=np.zeros((effectors, p)),
+        unexplained=np.zeros(effectors),
+        cross=np.zeros((rows, effectors)),
+        lag_bias=np.zeros((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
         square_before=np.zeros((rows, p)),

@@ -42,7 +42,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_lags import lag_square, observe_lag
+from msls_ros.estimation.bank_lags import find_lag_bias, lag_square, observe_lag
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -197,9 +197,7 @@ def direct_squares(
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
-        squares[i] += disagreement(s, x, q, i)
-        if i > 0:
-            squares[i] += lag_square(s, x, q, i, x.residual[q, 0] / x.residual[q, 1])
+        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
     return True
 
 
@@ -224,9 +222,7 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         away += step * step
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     size = x.best[q, i] / reach
-    now = disagreement(s, x, q, i)
-    if i > 0:
-        now += lag_square(s, x, q, i, x.residual[q, 0] / x.residual[q, 1])
+    now = disagreement(s, x, q, i) + lag_square(x, q, i)
     return float(x.best_square[q, i] + moved * moved + size * size * away + now)
 
 
@@ -235,6 +231,8 @@ def keep_best(
     s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
 ) -> None:
     """Keep row q's estimates where they are known better than what is kept is good for now."""
+    if x.residual[q, 1] > 0.0:
+        find_lag_bias(s, x, q, x.residual[q, 0] / x.residual[q, 1])
     direct_squares(s, x, q, noise, products, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)

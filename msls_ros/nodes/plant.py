@@ -304,9 +304,11 @@ class PlantNode(Node):
             if answer is not None and age >= self._p["time_out" if kind == "command" else "stale_after"]:
                 self._answers[kind] = None
                 self.time_outs += 1
-                instead = "at trim with zero dither" if kind == "command" else "with zero dither"
-                text = f"no {kind} for {age:.2f} s: flying on {instead}"
-                self.get_logger().warning(text, throttle_duration_sec=1.0)
+                text, log = f"no {kind} for {age:.2f} s: flying on", self.get_logger()
+                if kind == "command":  # each line is throttled by itself
+                    log.warning(f"{text} at trim with zero dither", throttle_duration_sec=1.0)
+                else:
+                    log.warning(f"{text} with zero dither", throttle_duration_sec=1.0)
         self._step()
 
     def _health(self) -> Health:

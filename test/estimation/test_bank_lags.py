@@ -7,21 +7,27 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_lags import lag_square
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 
 EFFECT = 8.0
 
 
-def fly(late: float, slow: bool = False) -> tuple[Identifier, Estimate]:
-    """Return the identifier after 8 s in which a share of an effect comes a sample late, and what it says then."""
+def fly(late: float, slow: bool = False, answers: bool = False) -> tuple[Identifier, Estimate]:
+    """Return the identifier after 8 s in which a share of an effect comes a sample late, and what it says then.
+
+    ``slow``: of inputs that hardly move; ``answers``: with a first state that follows the last input.
+    """
     n = 400
     x, delta = 0.25 * uniform(n, 3, 31), 0.125 * uniform(n, 2, 32)
     if slow:
         delta += np.sin(2.0 * np.arange(n) * PERIOD)[:, None] * np.array([1.0, 0.5])
         delta[:, 0] = np.convolve(delta[:, 0], np.ones(25) / 25, "same")
-    xdot = 0.05 * uniform(n, 3, 33) - x
     before: Array = np.concatenate([delta[:1, 0], delta[:-1, 0]])
+    if answers:
+        for k in range(1, n):
+            x[k, 0] = 0.8 * x[k - 1, 0] + 2.0 * delta[k - 1, 0]
+    xdot = 0.05 * uniform(n, 3, 33) - x
     xdot[:, 0] += EFFECT * ((1.0 - late) * delta[:, 0] + late * before)
     xdot[:, 1] += -4.0 * delta[:, 1]
     identifier = Identifier(from_mapping(SMALL))
@@ -37,11 +43,19 @@ def test_an_effect_that_comes_late_in_part_is_off_by_no_more_than_the_bars_say(l
     assert error < 1.96 * estimate.b_std[0, 0]
 
 
+def test_a_state_that_answers_the_last_input_stands_in_for_it_and_its_bar_says_so() -> None:
+    _, estimate = fly(0.3, answers=True)
+    error = abs(estimate.a[0, 0] + 1.0)
+    assert error > 0.3
+    assert 0.3 * error < estimate.a_std[0, 0]
+    assert error < 1.96 * estimate.a_std[0, 0]
+
+
 def test_where_both_are_in_step_nothing_is_added() -> None:
     identifier, estimate = fly(0.0)
     engine = identifier._regression
-    added = [lag_square(engine.settings, engine.state, 0, i, float(engine.state.residual[0, 0])) for i in range(1, 6)]  # type: ignore[arg-type]
-    assert max(added) < (0.01 * EFFECT) ** 2
+    assert isinstance(engine, BankRegression)
+    assert np.abs(engine.state.lag_bias[0]).max() < 0.01 * EFFECT
     assert estimate.b_reliable[0, 0] and abs(estimate.b[0, 0] - EFFECT) < 0.1
 
 
