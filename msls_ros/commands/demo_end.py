@@ -21,8 +21,8 @@ _QUICK = 2.0
 
 
 def prepare(configuration: Configuration) -> None:
-    """Compile the estimator, and say so: it takes up to a minute once on a machine, and is kept."""
-    print("preparing the estimator (compiled once, up to a minute) ...", file=sys.stderr, flush=True)
+    """Compile the estimator, and say so: it takes a minute or two once on a machine, and is kept."""
+    print("preparing the estimator (compiled once, a minute or two) ...", file=sys.stderr, flush=True)
     begin = time.monotonic()
     n, m = len(configuration.states), len(configuration.effectors)
     Identifier(configuration).update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
