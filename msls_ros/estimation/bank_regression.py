@@ -107,6 +107,7 @@ class BankRegression:
         """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
             self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
+        phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
         self.noise[:] = self._observed[1][done - 1]
         if out.restart[done - 1] != SOUND:

@@ -180,7 +180,7 @@ class Bound:
     """A kernel that is called with arguments of the same types again and again.
 
     Numba looks into all arrays of all named tuples at every call to find the version of the kernel, which takes longer
-    than a sample; here it does so at the first call.
+    than a sample; here it does so at the first call. Who calls sees to it that arrays are contiguous and of one type.
 
     Parameters
     ----------

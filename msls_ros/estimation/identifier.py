@@ -283,7 +283,7 @@ class Identifier:
         EstimationError
             As `update`; nothing has changed then.
         """
-        x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (x, xdot, delta))
+        time, x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (time, x, xdot, delta))
         self._check(time, x, xdot, delta)
         run = Run([], [], [], [])
         start = 0

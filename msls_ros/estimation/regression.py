@@ -175,6 +175,7 @@ class Regression:
         start, stop
             Of the samples to take.
         """
+        phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done: int = self._advance(self.settings, self.state, phi, y, start, stop, self._work, self._w0, out)
         if out.restart[done - 1] != SOUND:
             self.reset()

@@ -44,6 +44,7 @@ def test_an_intact_aircraft_without_commands_is_the_original(name: str) -> None:
     fdm.set_dt(0.01)
     root = Path(jsbsim.get_default_root_dir())
     assert fdm.load_model_with_paths(name, str(root / "aircraft"), str(root / "engine"), str(root / "systems"))
+    fdm.disable_output()
     assert where.airspeed is not None
     for key, value in (
         ("propulsion/fuel_freeze", 1.0),
