@@ -37,14 +37,16 @@ def test_every_shipped_aircraft_trims_and_stays_there(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ["c172x", "A4"])
-def test_an_intact_aircraft_without_commands_is_the_original(name: str) -> None:
+def test_an_intact_aircraft_without_commands_is_the_original(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)  # JSBSim's own models write their log where they are loaded
     where = condition(name)
     fdm = jsbsim.FGFDMExec(None)
     fdm.set_debug_level(0)
     fdm.set_dt(0.01)
     root = Path(jsbsim.get_default_root_dir())
     assert fdm.load_model_with_paths(name, str(root / "aircraft"), str(root / "engine"), str(root / "systems"))
-    fdm.disable_output()
     assert where.airspeed is not None
     for key, value in (
         ("propulsion/fuel_freeze", 1.0),
