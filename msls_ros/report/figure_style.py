@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
 import matplotlib.style
+from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
 
 BLACK, BLUE, ORANGE, GREEN, PINK, SKY, AMBER = (
@@ -44,3 +46,18 @@ def house_style() -> Iterator[None]:
     """Draw in our style, whatever the user's own is."""
     with matplotlib.style.context(["default", _STYLE]):
         yield
+
+
+def write_png(figure: Figure, path: Path) -> None:
+    """Write a figure at its own resolution: laid out once, where ``savefig`` lays it out at every one of its passes.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    engine = figure.get_layout_engine()
+    if engine is not None:
+        engine.execute(figure)
+        figure.set_layout_engine("none")
+    figure.savefig(path, format="png", metadata={"Software": None})

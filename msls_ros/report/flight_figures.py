@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from msls_ros.report.figure_style import write_png
 from msls_ros.report.style import causal_rms
 
 Array = NDArray[np.float64]
@@ -116,7 +117,7 @@ def plot_parameter(
     if faults:
         axes[1].set_title("around the fault", fontsize=9, loc="left")
         axes[1].set_xlim(faults[0][0] - 0.5, max(end for _, end in faults) + 2.0)
-    figure.savefig(path)
+    write_png(figure, path)
 
 
 def plot_states(
@@ -158,7 +159,7 @@ def plot_states(
     mark_events(axes[: len(panels)], faults, alarms)
     if faults or alarms:
         figure.legend(*axes[0].get_legend_handles_labels(), loc="lower right", ncols=2, fontsize=8)
-    figure.savefig(path)
+    write_png(figure, path)
 
 
 def plot_dither(
@@ -208,4 +209,4 @@ def plot_dither(
     axes[m].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
     axes[m].legend(fontsize=7)
     mark_events(axes[: m + 1], faults, alarms)
-    figure.savefig(path)
+    write_png(figure, path)

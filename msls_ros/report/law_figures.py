@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from msls_ros.report.figure_style import BLUE, CYCLE, DPI, INK, MUTED, ORANGE, house_style
+from msls_ros.report.figure_style import BLUE, CYCLE, DPI, INK, MUTED, ORANGE, house_style, write_png
 from msls_ros.report.recorded import Array
 
 LAW_COLOURS = {"fixed": ORANGE, "indi": BLUE, "lq": "#009E73", "hold": "#9aa5b1"}
@@ -61,7 +61,7 @@ def plot_laws(
         When the first fault strikes [s].
     """
     with house_style():
-        figure = Figure(figsize=(11.5, 10.0), layout="constrained")
+        figure = Figure(figsize=(11.5, 10.0), layout="constrained", dpi=DPI)
         grid = figure.subplots(
             len(HEIGHTS), len(flights), sharex=True, sharey="row", squeeze=False, height_ratios=HEIGHTS
         )
@@ -83,7 +83,7 @@ def plot_laws(
             axis = max(grid[row], key=lambda one: len(one.get_legend_handles_labels()[0]))
             handles, labels = axis.get_legend_handles_labels()
             grid[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=8)
-        figure.savefig(path, dpi=DPI, metadata={"Software": None})
+        write_png(figure, path)
 
 
 def _draw(

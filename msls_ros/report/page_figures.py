@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from msls_ros.report.chart import Marks, Panel
 from msls_ros.report.charts import Drawn
-from msls_ros.report.figure_style import BLACK, CYCLE, DPI, MUTED, PINK, house_style
+from msls_ros.report.figure_style import BLACK, CYCLE, DPI, MUTED, PINK, house_style, write_png
 
 _TRUTH, _LIMIT = 8, 9
 _DASHES = ("-", "--", ":", "-.")
@@ -53,7 +53,7 @@ def save_figures(figures: Sequence[Drawn], marks: Marks, folder: Path) -> list[P
                 axis.set_xlabel("time [s]")
                 axis.tick_params(labelbottom=True)
             paths.append(folder / f"{drawn.name}.png")
-            figure.savefig(paths[-1])
+            write_png(figure, paths[-1])
     return paths
 
 

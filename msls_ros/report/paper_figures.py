@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+
+from msls_ros.report.figure_style import write_png
 
 Array = NDArray[np.float64]
 
@@ -73,7 +74,6 @@ def draw_figure(content: ParameterFigure, path: Path) -> None:
         Where the file cannot be written.
     """
     figure = Figure(figsize=(10.0, 6.8), dpi=DPI)
-    FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         2,
         1,
@@ -100,7 +100,7 @@ def draw_figure(content: ParameterFigure, path: Path) -> None:
     for x0, head, text in columns:
         figure.text(x0, top, head, fontsize=10, fontweight="bold", va="top")
         figure.text(x0, top - 0.032, textwrap.fill(text, CAPTION_WIDTH), fontsize=9.5, va="top", parse_math=False)
-    figure.savefig(path, format="png", metadata={"Software": None})
+    write_png(figure, path)
 
 
 def _series(content: ParameterFigure) -> list[tuple[Array, str, str, str]]:
