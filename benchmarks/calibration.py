@@ -168,16 +168,15 @@ def judge_name(scenario: Scenario, flight: Recorded, event: FaultEvent) -> Row:
     airframe = scenario.airframe
     if not struck:
         return {"name": name, "right": False, "left": None, "z": None, "changed": False}
-    fault = struck[-1]
+    own = set(airframe.surfaces_of.get(name, (name,)))
+    fault = next((f for f in reversed(struck) if own & set(f.surfaces)), struck[-1])  # several may have broken at once
     if name in airframe.surface_names:
         left = fault.effectiveness if name in fault.surfaces else 1.0
     elif name in airframe.effectors:
         left = true_share(scenario, flight, name, event.equations, event.time)
     else:
         left = 1.0
-    broken = name in fault.surfaces or (
-        name in airframe.effectors and bool(set(airframe.surfaces_of[name]) & set(fault.surfaces))
-    )
+    broken = bool(own & set(fault.surfaces))
     changed = not DISTINCT[0] <= left <= DISTINCT[1]
     return {
         "name": name,

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_energy import NEW, observe_novelty
+from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -65,16 +65,14 @@ def sense_bank(
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
         square = sharp * sharp
-        deviation = y[q] - x.mean[q]
-        new = NEW * x.remembered[q]
-        first = deviation * deviation / new if deviation * deviation > new and new > 0.0 else 1.0
-        unknown = unknown_square(x, q, phi)
-        statistic[q] = change_of(s, x, q, square / (expected * first), unknown)
+        surprise = square / expected
+        nominal = nominal_square(s, x, q) + unknown_square(x, q, phi)
+        statistic[q] = change_of(s, x, q, surprise, nominal)
         if statistic[q] > s.threshold and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
         else:
-            remember_square(s, x, q, square, square / (expected * first))
+            remember_square(s, x, q, square, surprise)
     return any_alarm
 
 
@@ -103,15 +101,20 @@ def unknown_square(x: BankState, q: int, phi: Array) -> float:
 
 
 @compiled
-def change_of(s: BankSettings, x: BankState, q: int, surprise: float, unknown: float) -> float:
-    """Return the statistic of row q with the squared error of now; 0 while the detector is not armed."""
-    size = x.ring.shape[1]
-    if x.counted[q] < size or x.base[q, 1] < s.rest:
-        return 0.0
+def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
+    """Return the squared error that row q has usually; infinite while the detector is not armed."""
+    if x.counted[q] < x.ring.shape[1] or x.base[q, 1] < s.rest:
+        return math.inf
     nominal = x.base[q, 0] / x.base[q, 1] + s.floor * s.floor * x.remembered[q]
-    if nominal <= 0.0 or unknown == math.inf:
+    return nominal if nominal > 0.0 else math.inf
+
+
+@compiled
+def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: float) -> float:
+    """Return the statistic of row q with the squared error of now; 0 where none is nominal."""
+    if nominal == math.inf:
         return 0.0
-    nominal += unknown
+    size = x.ring.shape[1]
     total = surprise
     taken = 1
     largest = 0.0

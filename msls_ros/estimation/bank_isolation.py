@@ -19,7 +19,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from msls_ros.estimation.bank_losses import APART, EXPLAINED
+from msls_ros.estimation.bank_losses import APART, EXPLAINED, RIVAL
 from msls_ros.estimation.isolation import PLAUSIBLE
 from msls_ros.estimation.sections import IsolationParameters
 from msls_ros.estimation.surfaces import Surface
@@ -63,7 +63,7 @@ def find_name(found: Losses, surfaces: Sequence[Surface], limits: IsolationParam
     best = max(range(len(surfaces)), key=lambda k: found.explained[k])
     others = max((found.explained[k] for k in range(len(surfaces)) if k != best), default=0.0)
     change, error = found.change[best], found.error[best]
-    if found.explained[best] < max(EXPLAINED * found.excess, others + APART, found.by_state, 1e-12):
+    if found.explained[best] < max(EXPLAINED * found.excess, others + APART, others / RIVAL, found.by_state, 1e-12):
         return None
     certain = -change >= limits.significance * error and error <= UNCERTAIN
     if not certain or not PLAUSIBLE[0] <= 1.0 + change <= PLAUSIBLE[1] or abs(change) <= UNCHANGED:

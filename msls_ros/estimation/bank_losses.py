@@ -46,7 +46,9 @@ FLOOR = 0.03
 EXPLAINED = 0.4
 """Least share of the change that the loss explains."""
 APART = 9.0
-"""By how much it explains more than the next."""
+"""By how much it explains more than the next surface, at least."""
+RIVAL = 0.75
+"""Largest share of what it explains that another surface may: model errors, unlike noise, grow with what has changed."""
 KNOWN = 0.5
 """Largest relative standard error of an effect that can be seen to be lost."""
 ROOM = 1.5
@@ -111,7 +113,7 @@ def find_loss(work: BankWork, excess: float) -> int:
     for k in range(work.change.shape[0]):
         if k != best and work.explained[k] > second:
             second = work.explained[k]
-    least = max(max(EXPLAINED * excess, second + APART), work.by_state[0])
+    least = max(max(EXPLAINED * excess, second + APART), max(second / RIVAL, work.by_state[0]))
     if work.explained[best] <= least or work.deviation[best] <= LIMIT:
         return -1
     return best if -MOST <= work.change[best] <= -LEAST else -1

@@ -8,9 +8,11 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
 from msls_ros.estimation.bank_forgetting import forget_direction
+from msls_ros.estimation.bank_isolation import Losses, find_name
 from msls_ros.estimation.bank_losses import compare_surfaces
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.surfaces import read_surfaces
 
 Flight = tuple[Array, Array, Array, Array]
 FAULT = 250
@@ -64,6 +66,25 @@ def test_it_is_this_test_that_sees_it() -> None:
 def test_nothing_is_alarmed_where_nothing_breaks() -> None:
     for seed in range(200, 240, 4):
         assert events_of(Identifier(from_mapping(SMALL)), noisy(seed, left=1.0)) == []
+
+
+def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ever_seen() -> None:
+    time, x, xdot, delta = noisy(100, left=1.0)
+    small = 0.02
+    xdot = NOISE * uniform(len(time), 3, 102) + small * xdot
+    xdot[FAULT:, 0] += 20.0 * NOISE
+    alarms = [e for e in events_of(Identifier(from_mapping(SMALL)), (time, small * x, xdot, small * delta))]
+    first = alarms[0]
+    assert (first.kind, first.equations, first.time) == (EventKind.DETECTED, ("P",), time[FAULT])
+
+
+def test_a_surface_is_not_named_where_another_explains_nearly_as_much() -> None:
+    limits = from_mapping(SMALL).isolation
+    surfaces = read_surfaces("", ("da", "de"))
+    for rival, name in ((70.0, "da"), (80.0, None)):
+        losses = Losses([-0.5, -0.5], [0.05, 0.05], [100.0, rival], 20.0, 120.0)
+        found = find_name(losses, surfaces, limits)
+        assert (found.surface if found else None) == name
 
 
 def test_what_is_known_of_everything_else_is_kept() -> None:
