@@ -48,7 +48,7 @@ EXPLAINED = 0.4
 APART = 9.0
 """By how much it explains more than the next surface, at least."""
 RIVAL = 0.75
-"""Largest share of what it explains that another surface may: model errors, unlike noise, grow with what has changed."""
+"""Largest share of what it explains that another surface may: model errors grow with what has changed."""
 KNOWN = 0.5
 """Largest relative standard error of an effect that can be seen to be lost."""
 ROOM = 1.5
