@@ -1,19 +1,21 @@
-"""Whether the outputs answer the effectors of now, or those of a sample ago.
+"""Whether the outputs answer the effectors of now, or those of a moment ago.
 
 A response that is recorded late, or a deflection that is recorded early, biases estimates where the input moves from
 sample to sample, as dither does: of the effectors, whose effect then seems too small, and of the states, which answer
 the last input and stand in for it. The prediction errors look white, and no error bar shows it. But a right model
 leaves nothing in its errors e that past inputs explain. With h the regressors above their mean of the last tenth of a
-second, of which u_i(k) = h_i(k-1) - h_i(k) is what a delay of effector i by a sample would change, sums over seconds::
+second, of which u_i(k) = h_i(k-l) - h_i(k) is what a delay of effector i by l samples would change (20 ms, at least a
+sample), sums over seconds::
 
     M = sum h h',   d_i = sum h u_i,   w_i = M^-1 d_i
-    c_i = sum e h_i(k-1) / (sum u_i^2 - d_i' w_i)         beyond what chance makes of it
-    b_j = sum_i c_i w_ij * min(1 / (M^-1)_jj / I_j, 1)
+    c_i = sum e h_i(k-l) / (sum u_i^2 - d_i' w_i)         beyond what chance makes of it
+    b_j = sum_i c_i w_ij q_j,   q_j = min(1 / (M^-1)_jj / I_j, 1)
 
-c_i is the part of the effect that comes a sample late, by the regression of e on u_i with the regressors partialled
-out, and b what least squares without u is off by. I is the information about the coefficient: the last factor is the
-share of it that is so quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in
-a way of its own, so its error is anything between nothing and b: a variance of ``b^2/3`` (measured: .2 to .7 of b).
+c_i is the part of the effect that comes so late, by the regression of e on u_i with the regressors partialled out, and
+b what least squares without u is off by. I is the information about the coefficient and q the share of it that is so
+quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in a way of its own: its
+error is anything between nothing and b, a variance of ``b^2/3``, but all of b where no motion is slow, as with dither
+alone. So ``b^2 (1 + 2q)/3`` is added.
 
 References
 ----------
@@ -39,32 +41,32 @@ REDUNDANT = 1e-9
 
 @compiled
 def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Update how quickly the regressors move, and what effectors a sample late would change: (p,), constant first."""
+    """Update how quickly the regressors move, and what late effectors would change: (p,), constant first."""
     start = max(1.0 / (x.samples[0] + 1.0), s.quick)
     first = s.effectors_from + 1
     fade = s.colour_forgetting
     p = phi.shape[0]
     x.quick_samples[0] = fade * x.quick_samples[0] + 1.0
-    for j in range(x.cross.shape[1]):
-        x.quick[first + j, 1] = x.quick[first + j, 0]
+    slot = x.samples[0] % x.quick_past.shape[0]
     for i in range(1, p):
         x.quick_mean[i] += start * (phi[i] - x.quick_mean[i])
-        x.quick[i, 0] = phi[i] - x.quick_mean[i]
+        x.quick[i] = phi[i] - x.quick_mean[i]
         for k in range(1, i + 1):
-            x.moment[i, k] = fade * x.moment[i, k] + x.quick[i, 0] * x.quick[k, 0]
+            x.moment[i, k] = fade * x.moment[i, k] + x.quick[i] * x.quick[k]
     for j in range(x.cross.shape[1]):
-        step = x.quick[first + j, 1] - x.quick[first + j, 0]
+        x.quick_late[j] = x.quick_past[slot, j]
+        x.quick_past[slot, j] = x.quick[first + j]
+        step = x.quick_late[j] - x.quick[first + j]
         x.quick_power[j] = fade * x.quick_power[j] + step * step
         for i in range(1, p):
-            x.quick_moment[j, i] = fade * x.quick_moment[j, i] + x.quick[i, 0] * step
+            x.quick_moment[j, i] = fade * x.quick_moment[j, i] + x.quick[i] * step
 
 
 @compiled
 def observe_lag(s: BankSettings, x: BankState, q: int, error: float) -> None:
     """Update what row q's prediction errors have in common with the last effectors."""
-    first = s.effectors_from + 1
     for j in range(x.cross.shape[1]):
-        x.cross[q, j] = s.colour_forgetting * x.cross[q, j] + error * x.quick[first + j, 1]
+        x.cross[q, j] = s.colour_forgetting * x.cross[q, j] + error * x.quick_late[j]
 
 
 @compiled
@@ -152,10 +154,11 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
                 bias[i] += c * x.late[j, i]
     samples = max(x.taken[g, s.recent], 1.0) / x.quick_samples[0]
     for i in range(bias.shape[0]):
-        bias[i] *= min(samples * x.quick_info[i] / x.info[g, i, s.recent], 1.0)
+        quick = min(samples * x.quick_info[i] / x.info[g, i, s.recent], 1.0)
+        bias[i] *= quick * math.sqrt(1.0 + 2.0 * quick)
 
 
 @compiled
 def lag_square(x: BankState, q: int, i: int) -> float:
-    """Variance of what row q's coefficient i may be off by: uniform between 0 and b."""
+    """Variance of what row q's coefficient i may be off by: between 0 and b."""
     return float(x.lag_bias[q, i] * x.lag_bias[q, i] / 3.0)

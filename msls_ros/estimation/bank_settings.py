@@ -54,6 +54,8 @@ STRIDE = 0.1
 """Between estimates that are kept to compare with [s]."""
 QUICK = 0.1
 """Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
+LATE = 0.02
+"""By how much responses may be late, at least a sample [s]."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -137,6 +139,7 @@ def make_bank_settings(
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         place=min(period / PLACE, 1.0),
         quick=min(period / QUICK, 1.0),
+        late=max(1, round(LATE / period)),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),

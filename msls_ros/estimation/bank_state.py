@@ -73,6 +73,8 @@ class BankSettings(NamedTuple):
     """Gain per sample of their means."""
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
+    late: int
+    """Samples by which responses may be late, see `bank_lags`."""
     gains: Array
     """(k, m) position of each surface by each effector, as shares its effect by theirs; see `surfaces`."""
     shares: Array
@@ -157,7 +159,11 @@ class BankState(NamedTuple):
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     quick: Array
-    """(p, 2) the regressors above their mean of the last moment, and the effectors at the last sample; `bank_lags`."""
+    """(p,) the regressors above their mean of the last moment, see `bank_lags`."""
+    quick_past: Array
+    """(l, c) the effectors of these over the last samples, a ring."""
+    quick_late: Array
+    """(c,) the oldest of them."""
     quick_mean: Array
     """(p,) that mean."""
     quick_samples: Array
@@ -309,7 +315,9 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         e=np.zeros(rows),
         residual=np.zeros((rows, 4)),
         colour=np.zeros((rows, 2)),
-        quick=np.zeros((p, 2)),
+        quick=np.zeros(p),
+        quick_past=np.zeros((s.late, effectors)),
+        quick_late=np.zeros(effectors),
         quick_mean=np.zeros(p),
         quick_samples=np.zeros(1),
         moment=np.zeros((p, p)),
