@@ -15,7 +15,10 @@ c_i is the part of the effect that comes so late, by the regression of e on u_i 
 b what least squares without u is off by. I is the information about the coefficient and q the share of it that is so
 quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in a way of its own: its
 error is anything between nothing and b, a variance of ``b^2/3``, but all of b where no motion is slow, as with dither
-alone. So ``b^2 (1 + 2q)/3`` is added.
+alone. So ``b^2 (1 + 2q)/3`` is added. So is what c may be without showing: chance, or less where an effect cannot be
+so much in error, a delay of 10 ms being plausible before anything is known (`BankSettings.late_part`)::
+
+    v_j = q_j^2 sum_i w_ij^2 min( (part theta_i)^2, 4 s^2 / (sum u_i^2 - d_i' w_i) )
 
 References
 ----------
@@ -127,7 +130,7 @@ def solve_forward(factor: Array, w: Array) -> float:
 
 @compiled
 def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> None:
-    """Find what row q's estimates may be off by because outputs and effectors are not in step: ``x.lag_bias``.
+    """Find what row q's estimates may be off by where responses are late: ``x.lag_bias``, ``x.lag_spread``.
 
     Parameters
     ----------
@@ -139,13 +142,19 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
         Of the row's prediction errors.
     """
     bias = x.lag_bias[q]
+    spread = x.lag_spread[q]
     g = x.group[q]
     for i in range(bias.shape[0]):
         bias[i] = 0.0
+        spread[i] = 0.0
     for j in range(x.late.shape[0]):
         left = x.unexplained[j]
         if left <= 0.0:
             continue
+        prior = s.late_part * x.mixed[q, s.effectors_from + 1 + j]
+        unknown = min(prior * prior, BY_CHANCE * variance / left)
+        for i in range(bias.shape[0]):
+            spread[i] += unknown * x.late[j, i] * x.late[j, i]
         c = x.cross[q, j] / left
         certain = c * c - BY_CHANCE * variance / left
         if certain > 0.0:
@@ -156,9 +165,10 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
     for i in range(bias.shape[0]):
         quick = min(samples * x.quick_info[i] / x.info[g, i, s.recent], 1.0)
         bias[i] *= quick * math.sqrt(1.0 + 2.0 * quick)
+        spread[i] *= quick * quick * (1.0 + 2.0 * quick)
 
 
 @compiled
 def lag_square(x: BankState, q: int, i: int) -> float:
-    """Variance of what row q's coefficient i may be off by: between 0 and b."""
-    return float(x.lag_bias[q, i] * x.lag_bias[q, i] / 3.0)
+    """Variance of what row q's coefficient i may be off by: between 0 and b, which is known to its own variance."""
+    return float((x.lag_bias[q, i] * x.lag_bias[q, i] + x.lag_spread[q, i]) / 3.0)

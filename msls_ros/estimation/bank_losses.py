@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import long_run_factor
 from msls_ros.estimation.compiled import compiled
@@ -57,16 +58,18 @@ ROOM = 1.5
 
 @compiled
 def keep_reference(s: BankSettings, x: BankState) -> None:
-    """Keep the estimates of now and their errors, every `BankSettings.stride` samples."""
+    """Keep the estimates of now and their errors, every `BankSettings.stride` samples.
+
+    What late responses do to estimates they do to the next ones as well: a comparison does not see it.
+    """
     if x.samples[0] % s.stride != 0:
         return
     slot = x.kept[0] % x.kept_theta.shape[0]
     copy_rows(x.mixed, x.kept_theta[slot])
-    copy_rows(x.square, x.kept_square[slot])
     for q in range(x.mixed.shape[0]):
-        if x.age[x.group[q]] < 4 * x.mixed.shape[1]:  # few samples: what is known then is no reference yet
-            for i in range(x.mixed.shape[1]):
-                x.kept_square[slot, q, i] = math.inf
+        begun = x.age[x.group[q]] >= 4 * x.mixed.shape[1]  # few samples: what is known then is no reference yet
+        for i in range(x.mixed.shape[1]):
+            x.kept_square[slot, q, i] = x.square[q, i] - lag_square(x, q, i) if begun else math.inf
     x.kept[0] += 1
 
 

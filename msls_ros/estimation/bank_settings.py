@@ -55,7 +55,8 @@ STRIDE = 0.1
 QUICK = 0.1
 """Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
 LATE = 0.02
-"""By how much responses may be late, at least a sample [s]."""
+"""By how much responses may be late, at least a sample; half of it is the standard deviation before anything is known,
+for delays of real records of 10 to 25 ms [s]."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -107,6 +108,7 @@ def make_bank_settings(
     prior[0] = 1.0 / np.maximum(pi, CONSTANT_PRIOR)
     widest = [(t, -k, p) for t, p, k, _ in grid]
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
+    late = max(1, round(LATE / period))
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
         forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
@@ -139,7 +141,8 @@ def make_bank_settings(
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         place=min(period / PLACE, 1.0),
         quick=min(period / QUICK, 1.0),
-        late=max(1, round(LATE / period)),
+        late=late,
+        late_part=0.5 * LATE / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),

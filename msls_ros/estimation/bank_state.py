@@ -75,6 +75,8 @@ class BankSettings(NamedTuple):
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
+    late_part: float
+    """Part of an effect that may come that late before anything is known of it, standard deviation [1]."""
     gains: Array
     """(k, m) position of each surface by each effector, as shares its effect by theirs; see `surfaces`."""
     shares: Array
@@ -182,6 +184,8 @@ class BankState(NamedTuple):
     """(c,) what it leaves of their sums of squares; 0: too little."""
     cross: Array
     """(r, c) sums of prediction errors times the last effectors."""
+    lag_spread: Array
+    """(r, p) its variance."""
     lag_bias: Array
     """(r, p) what the estimates may be off by because outputs and effectors are not in step."""
     pending: Integers
@@ -327,6 +331,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         late=np.zeros((effectors, p)),
         unexplained=np.zeros(effectors),
         cross=np.zeros((rows, effectors)),
+        lag_spread=np.zeros((rows, p)),
         lag_bias=np.zeros((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),

@@ -197,7 +197,7 @@ def direct_squares(
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
-        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
+        squares[i] += contradicted(s, x, q, i)
     return True
 
 
@@ -222,8 +222,13 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         away += step * step
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     size = x.best[q, i] / reach
-    now = disagreement(s, x, q, i) + lag_square(x, q, i)
-    return float(x.best_square[q, i] + moved * moved + size * size * away + now)
+    return float(x.best_square[q, i] + moved * moved + size * size * away + contradicted(s, x, q, i))
+
+
+@compiled
+def contradicted(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square of what speaks against coefficient i now, whether it was known before or not."""
+    return disagreement(s, x, q, i) + lag_square(x, q, i)
 
 
 @compiled
@@ -237,7 +242,7 @@ def keep_best(
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)
         x.square[q, i] = min(squares[i], carried)
-        if squares[i] <= carried and squares[i] < math.inf:
+        if squares[i] < math.inf and squares[i] <= carried - contradicted(s, x, q, i):
             x.best[q, i] = x.mixed[q, i]
             x.best_square[q, i] = squares[i]
             x.best_time[q, i] = x.clock[0]
