@@ -277,8 +277,8 @@ class Assembly:
         if not isinstance(r, BankRegression):
             self._fill(r.settings, r.state, self._layout, x, *self._scratch, model)
             return model, self._nothing, self._forgetting
-        best = Best(*(np.full((n, columns), math.nan) for _ in range(3) for columns in (n, m)))
-        forgetting = np.full(n, math.nan)
+        best = Best(*[one.copy() for one in self._nothing])
+        forgetting = self._forgetting.copy()
         scratch = BankScratch(self._products, *self._vectors)
         self._fill(r.settings, r.state, self._layout, x, r.noise, scratch, model, best, forgetting)
         return model, best, forgetting
