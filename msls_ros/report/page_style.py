@@ -98,6 +98,7 @@ footer {{ color: var(--muted); font-size: .88rem; padding-bottom: 2.5rem; }}
 @media (max-width: 500px) {{ header, main, footer {{ padding-left: 10px; padding-right: 10px; }}
   section {{ padding-left: 12px; padding-right: 12px; }} nav ul {{ padding-left: 10px; }} .plot {{ height: 130px; }}
   table:not(.map) td:last-child:not(.n) {{ min-width: 15rem; }}
+  table:not(.map) th {{ white-space: normal; }}
   .ys {{ width: 2.9rem; }} .xs {{ margin-left: 2.9rem; }} .verdict {{ font-size: 1.05rem; padding: .6rem .8rem; }} }}
 @media print {{ :root {{ color-scheme: light; }} nav, .cursor, span.live {{ display: none !important; }}
   html {{ font-size: 12px; }} body {{ background: #fff; font-size: 1rem; }} .plot {{ height: 110px; }}
