@@ -20,9 +20,9 @@ estimate is kept with its error, time and place in the envelope, and serves as l
     kept_i^2 = best_i^2 + (theta_i - theta_best_i)^2 + (theta_best_i |place - place_best| / reach)^2
     se_i = min(now_i, kept_i)
 
-To both is added what past inputs explain, and by how much the member that remembers the last second and a half
-contradicts the estimate, beyond two of its standard errors: what dither alone shows of a change counts little in the
-evidence, but it must not be hidden.
+To both is added what past inputs explain (to the second at most its own error once more), and by how much the member
+that remembers the last second and a half contradicts the estimate, beyond two of its standard errors: what dither alone
+shows of a change counts little in the evidence, but it must not be hidden.
 
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
@@ -52,6 +52,8 @@ REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
 """Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
+FORGOTTEN = 3.0
+"""Squares of a known error that delays, forgotten within seconds, add to it at most: it doubles."""
 SYSTEMATIC = 0.12
 """Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
 LARGEST_COLOUR = 0.98
@@ -197,7 +199,7 @@ def direct_squares(
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
-        squares[i] += contradicted(s, x, q, i)
+        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
     return True
 
 
@@ -211,8 +213,8 @@ def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
 
 
 @compiled
-def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Squared standard error of coefficient i (constant first) by the best that was known of it."""
+def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Squared standard error of coefficient i (constant first) by the best that was known."""
     if x.best_square[q, i] == math.inf:
         return math.inf
     moved = x.mixed[q, i] - x.best[q, i]
@@ -222,13 +224,16 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         away += step * step
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     size = x.best[q, i] / reach
-    return float(x.best_square[q, i] + moved * moved + size * size * away + contradicted(s, x, q, i))
+    return float(x.best_square[q, i] + moved * moved + size * size * away)
 
 
 @compiled
-def contradicted(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Square of what speaks against coefficient i now, whether it was known before or not."""
-    return disagreement(s, x, q, i) + lag_square(x, q, i)
+def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Return `known_square` and what speaks against it now, of delays no more than is forgotten of them."""
+    if x.best_square[q, i] == math.inf:
+        return math.inf
+    late = min(lag_square(x, q, i), FORGOTTEN * x.best_square[q, i])
+    return float(known_square(s, x, q, i) + disagreement(s, x, q, i) + late)
 
 
 @compiled
@@ -242,7 +247,7 @@ def keep_best(
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)
         x.square[q, i] = min(squares[i], carried)
-        if squares[i] < math.inf and squares[i] <= carried - contradicted(s, x, q, i):
+        if squares[i] < math.inf and squares[i] <= known_square(s, x, q, i):
             x.best[q, i] = x.mixed[q, i]
             x.best_square[q, i] = squares[i]
             x.best_time[q, i] = x.clock[0]

@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "202f9f1da543c0218712703f4124c212"
+PINNED = "b14c0d22abd51bd733b1e1992f7b261c"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
@@ -221,7 +221,7 @@ def test_an_effector_that_moves_for_the_first_time_is_learnt_and_not_alarmed() -
     assert count_alarms(hasty) > 0
 
 
-def test_the_best_that_was_known_is_kept_with_its_time_and_its_error() -> None:
+def test_the_best_that_was_known_is_kept_with_its_time_and_the_bars_stay_what_they_were() -> None:
     n, quiet = 1500, 300
     x, delta = 0.25 * uniform(n, 3, 14), 0.125 * uniform(n, 2, 15)
     x[quiet:], delta[quiet:] = 1e-3 * x[quiet:], 1e-3 * delta[quiet:]
@@ -231,7 +231,7 @@ def test_the_best_that_was_known_is_kept_with_its_time_and_its_error() -> None:
     assert now.b_best[0, 0] == pytest.approx(8.0, rel=0.02)
     assert 1.0 < now.b_best_time[0, 0] <= PERIOD * quiet + 0.5
     assert now.b_best_std[0, 0] <= then.b_std[0, 0] * 1.01
-    assert now.b_std[0, 0] <= 0.05 * now.b[0, 0]  # whether responses are late is forgotten within seconds
+    assert now.b_std[0, 0] <= 2.0 * then.b_std[0, 0]
     assert now.b_reliable[0, 0] and now.excitation[3] < 0.5
     assert np.isnan(estimates[2].b_best).all()
 
