@@ -40,6 +40,8 @@ APART = 0.05
 """Least share of u that the regressors leave unexplained: below, c cannot be known."""
 REDUNDANT = 1e-9
 """Least share of a regressor's square that the others leave unexplained, for it to count."""
+FORGOTTEN = 3.0
+"""Squares of a known error that delays, forgotten within seconds, add to it at most: it doubles."""
 
 
 @compiled
@@ -172,3 +174,9 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
 def lag_square(x: BankState, q: int, i: int) -> float:
     """Variance of what row q's coefficient i may be off by: between 0 and b, which is known to its own variance."""
     return float((x.lag_bias[q, i] * x.lag_bias[q, i] + x.lag_spread[q, i]) / 3.0)
+
+
+@compiled
+def square_in_step(x: BankState, q: int, i: int) -> float:
+    """Squared standard error of coefficient i without late responses: `FORGOTTEN` says what is theirs at most."""
+    return float(max(x.square[q, i] - lag_square(x, q, i), x.square[q, i] / (1.0 + FORGOTTEN)))

@@ -12,7 +12,7 @@ from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss
-from msls_ros.estimation.bank_lags import lag_square, observe_inputs, regress_steps
+from msls_ros.estimation.bank_lags import observe_inputs, regress_steps, square_in_step
 from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
@@ -222,7 +222,7 @@ def keep_before(x: BankState, q: int) -> None:
     p = x.mixed.shape[1]
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        x.square_before[q, i] = x.square[q, i] - lag_square(x, q, i)
+        x.square_before[q, i] = square_in_step(x, q, i)
 
 
 @compiled

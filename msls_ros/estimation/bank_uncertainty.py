@@ -42,7 +42,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_lags import find_lag_bias, lag_square, observe_lag
+from msls_ros.estimation.bank_lags import FORGOTTEN, find_lag_bias, lag_square, observe_lag
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -52,8 +52,6 @@ REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
 """Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
-FORGOTTEN = 3.0
-"""Squares of a known error that delays, forgotten within seconds, add to it at most: it doubles."""
 SYSTEMATIC = 0.12
 """Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
 LARGEST_COLOUR = 0.98

@@ -65,3 +65,19 @@ def test_a_slow_input_hardly_sees_a_delay() -> None:
     _, slow = fly(0.3, slow=True)
     assert abs(slow.b[0, 0] - EFFECT) < 0.3 * abs(quick.b[0, 0] - EFFECT)
     assert slow.b_std[0, 0] < 0.5 * quick.b_std[0, 0]
+
+
+def test_what_delays_may_do_in_the_quiet_leaves_the_references_of_losses_positive() -> None:
+    n, quiet = 800, 300
+    x, delta = 0.25 * uniform(n, 3, 31), 0.125 * uniform(n, 2, 32)
+    x[quiet:], delta[quiet:] = 1e-3 * x[quiet:], 1e-3 * delta[quiet:]
+    xdot = 0.05 * uniform(n, 3, 33) - x
+    xdot[:, 0] += EFFECT * np.concatenate([delta[:1, 0], delta[:-1, 0]])
+    identifier = Identifier(from_mapping(SMALL))
+    identifier.run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta)
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    state = engine.state
+    late = (state.lag_bias**2 + state.lag_spread) / 3.0
+    assert (late > state.square).any(), "delays count more here than the whole error, which is bounded"
+    assert state.kept_square.min() > 0.0
