@@ -161,8 +161,8 @@ def allocate(square: Array, weights: Array, caps: Array, limit: float, informati
 
 @compiled
 def share(square: float, weight: float, common: float, information: bool) -> float:
-    """Rms of an effector that is not capped [rad]; infinite for one that nobody feels."""
-    if weight <= 0.0:
+    """Rms of an effector that is not capped [rad]; infinite for one that nobody feels, none where none is allowed."""
+    if weight <= 0.0 or common <= 0.0:
         return 0.0
     if not information:
         return weight * common

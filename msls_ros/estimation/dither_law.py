@@ -47,8 +47,8 @@ LARGEST_EFFECT = 1e12
 """A B-hat that holds more than this is not used: no sample has numbers of that size."""
 LARGE = 1e200
 """More than any effect squared; keeps what is unknown and gets nothing finite."""
-START = 0.1
-"""An effector of which nothing is known gets at least this part of `dither.cap_unreliable`."""
+START = 0.7
+"""An effector of which nothing is known gets at least this part of `dither.cap_unreliable` (docs/choosing.md)."""
 
 
 @compiled
@@ -169,7 +169,8 @@ def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Arr
     """Fill in ``E[g_j^2]`` (m,); return whether all of B is finite.
 
     Where the variance is so large that an effector would get next to nothing it counts less, so that there is always
-    something to learn from: ``START`` of the cap of an effector that is not excited.
+    something to learn from: ``START`` of the cap of an effector that is not excited, unless the square at the estimate
+    less its variance, which is unbiased, forbids it.
     """
     m = square.shape[0]
     limit = law.limit_nominal * GRAVITY / math.sqrt(m)
@@ -183,7 +184,7 @@ def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Arr
         square[j] = expected_square(b, variance, law.rows, law.station, j, scratch)
         least = START * law.cap_unreliable * x.limits[j, WEIGHT]
         if least > 0.0 and not square[j] * least * least < limit * limit:
-            square[j] = max(limit * limit / (least * least), known)
+            square[j] = max(limit * limit / (least * least), 2.0 * known - square[j])
         if not square[j] < LARGE:
             square[j] = LARGE
     return finite

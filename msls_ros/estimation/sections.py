@@ -214,13 +214,13 @@ class DitherParameters:
         0.04, "the same after an alarm; MIL-F-8785C allows 0.05", unit="g", low=0.0, high=0.05
     )
     acceleration: str = parameter(
-        "worst_case",
+        "rms",
         "what the limit is held against: rms (independent sequences add their squares) or worst_case (eq 23, literal: "
         "one common rms, three times less dither)",
         choices=("rms", "worst_case"),
     )
     allocation: str = parameter(
-        "equal",
+        "information",
         "shares of the effectors: information (equal shares of the square: most information about B) or equal (rms)",
         choices=("information", "equal"),
     )

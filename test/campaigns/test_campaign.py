@@ -58,10 +58,10 @@ def test_what_is_told_of_a_flight_is_what_the_demo_would_tell(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     from msls_ros.inputs.profiles import config_folder
-    from msls_ros.paper.flight_experiments import MSLS_BY_NOISE, fly_loss
+    from msls_ros.paper.flight_experiments import LITERAL_DITHER, MSLS_BY_NOISE, fly_loss
 
     paper = (config_folder() / "scenarios" / "roll_doublet_tail_fault.yaml").read_text()
-    settings = {**MSLS_BY_NOISE["low"], "estimator.method": "msls"}
+    settings = {**MSLS_BY_NOISE["low"], **LITERAL_DITHER, "estimator.method": "msls"}
     (tmp_path / "paper.yaml").write_text(paper.replace("parameters: {}", f"parameters: {json.dumps(settings)}"))
     run(capsys, tmp_path / "paper.yaml", "--seeds", 1, "--noise", "low", "--out", tmp_path)
     flight, loss = json.loads(kept(tmp_path)[0]), fly_loss("low", 0)

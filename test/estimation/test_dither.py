@@ -110,6 +110,12 @@ def test_the_limit_is_spent_exactly_or_all_are_at_their_caps(
         np.testing.assert_array_equal(out[weights > 0.0], caps[weights > 0.0])
 
 
+def test_where_no_acceleration_is_allowed_what_nobody_feels_is_not_moved_either() -> None:
+    out = np.ones(3)
+    assert allocate(np.array([0.0, 1.0, 0.0]), np.ones(3), np.full(3, 0.1), 0.0, True, out)
+    assert not out.any()
+
+
 def test_no_other_shares_of_the_same_limit_hold_more_information() -> None:
     rng = np.random.default_rng(3)
     square, caps, out = np.square(rng.standard_normal(5)), np.full(5, 0.4), np.zeros(5)

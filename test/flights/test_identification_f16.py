@@ -1,4 +1,4 @@
-"""MSLS on the simulated F-16: what it must find, what it must leave alone, how honest its error bars are."""
+"""MSLS on the simulated F-16 with the dither of eq 23: what it must find, leave alone, and how honest its bars are."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from flights.flown import FlightLog, fly
 
 from msls_ros.estimation import Configuration, EventKind, Identifier
 from msls_ros.inputs.profiles import read_profile
-from msls_ros.paper.flight_experiments import MSLS, MSLS_BY_NOISE
+from msls_ros.paper.flight_experiments import LITERAL_DITHER, MSLS, MSLS_BY_NOISE
 from msls_ros.plant import EFFECTORS, MANOEUVRES, STATES
 
 ROWS = 6
@@ -20,12 +20,14 @@ SETTINGS = {**MSLS_BY_NOISE, "med": {"estimator.penalty": 1e-2, **RATIO}}
 
 def configuration(noise: str, seed: int) -> Configuration:
     """Return MSLS with the shipped parameters as they are for low noise, adapted for the others."""
-    return quiet_flight(noise, seed) if noise != "low" else read_profile("f16").replace({**MSLS, "dither.seed": seed})
+    if noise != "low":
+        return quiet_flight(noise, seed)
+    return read_profile("f16").replace({**MSLS, **LITERAL_DITHER, "dither.seed": seed})
 
 
 def quiet_flight(noise: str, seed: int) -> Configuration:
     """Return MSLS as it suits a flight in which nothing moves fast."""
-    return read_profile("f16").replace({**MSLS, **SETTINGS[noise], "dither.seed": seed})
+    return read_profile("f16").replace({**MSLS, **LITERAL_DITHER, **SETTINGS[noise], "dither.seed": seed})
 
 
 def loss(noise: str, seed: int, left: float, duration: float = 5.2) -> FlightLog:
