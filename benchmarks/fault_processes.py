@@ -152,8 +152,11 @@ def after_identifier(fleet: Fleet) -> int:
     fleet.wait(mixed, "dither in the commands")
     fleet.kill("identifier")
     fleet.await_new("command", "command_out")
-    stale = messages.stamp_of(fleet.seen["dither"][-1][1]) + round(1e9 * STALE_AFTER)
-    late = lambda topic: [m for _, m in fleet.seen[topic][begun[topic] :] if messages.stamp_of(m) > stale]  # noqa: E731
+
+    def late(topic: str) -> list[Any]:  # the last dither may be heard after commands that are younger
+        stale = messages.stamp_of(fleet.seen["dither"][-1][1]) + round(1e9 * STALE_AFTER)
+        return [m for _, m in fleet.seen[topic][begun[topic] :] if messages.stamp_of(m) > stale]
+
     fleet.wait(lambda: min(len(late("command")), len(late("command_out"))) > SEVERAL, "commands without dither")
     asked = {messages.stamp_of(m): m.delta for m in late("command")}
     wrong: int = sum(asked.get(messages.stamp_of(m), m.delta) != m.delta for m in late("command_out"))
