@@ -2,7 +2,7 @@
 
 Suites: ``failures`` (the ten shipped ones), ``random`` (random failures; those count that a law designed from truth
 survives), ``latency``, ``gusts``, ``no_dither``, ``intact``, ``learn`` (no prior), ``beds`` (other
-aircraft, no prior).
+aircraft, no prior). All with the dither of eq 23, as the shipped scenarios that the laws fly.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from msls_ros.flights.random_failures import RandomFailures, describe
 from msls_ros.flights.scenarios import Scenario, find_scenario
 from msls_ros.flights.steering import LawPlan
 from msls_ros.flights.tracking import track
+from msls_ros.paper.flight_experiments import LITERAL_DITHER
 from msls_ros.plant import PlantError
 
 TEN = (
@@ -134,7 +135,7 @@ def _case(suite: str, scenario: Scenario, law: str, noise: str, seed: int) -> Ca
     configuration = scenario.configuration(noise, seed, dither=suite != "no_dither")
     changes = {} if one.method == "bank" else MSLS[noise]
     changes = {**changes, "estimator.method": one.method}
-    return Case(scenario, law, noise, seed, flight, configuration.replace(changes))
+    return Case(scenario, law, noise, seed, flight, configuration.replace({**changes, **LITERAL_DITHER}))
 
 
 def flown(case: Case) -> dict[str, Any]:
