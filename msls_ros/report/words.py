@@ -39,9 +39,11 @@ def find_changes(truth: Truth, models: Models) -> list[TruthChange]:
     b = truth.b[:, rows]
     scale = np.abs(b).max(axis=(0, 2))[:, None]
     scale[scale == 0.0] = 1.0
+    moments = [i for i, row in enumerate(rows) if models.states[row] in ("P", "Q", "R")]
+    judged = moments or list(range(len(rows)))  # a force along an axis changes with its own deflection too
     found = []
     for k, (begin, end) in enumerate(pairwise(truth.time)):
-        jump = np.abs(b[k + 1] - b[k]) / scale
+        jump = (np.abs(b[k + 1] - b[k]) / scale)[judged]
         if end - begin > _CLOSE or jump.max() < _JUMP:
             continue
         effects = _effects(b[k], b[k + 1], scale, models)

@@ -401,6 +401,22 @@ def test_without_script_every_chart_stands_drawn_with_its_ticks(whole: Made) -> 
         assert len(re.findall(r'<span style="left:', panel)) >= 3 and len(re.findall(r'<span style="top:', panel)) >= 2
 
 
+def test_an_axial_force_that_goes_with_the_deflection_is_no_change_of_the_plant() -> None:
+    time = np.arange(0.0, 10.0, 0.1)
+    b = np.zeros((len(time), 2, 1))
+    b[:, 0, 0] = np.where(time < 5.0, 2.0, 1.0)
+    b[:, 1, 0] = np.where(time < 7.0, -3.0, -1.5)
+    empty = np.zeros((1, 2, 2))
+    flags = np.zeros((1, 2, 2), np.bool_)
+    models = Models(
+        np.zeros(1), ("u", "Q"), ("dte",), (), empty, empty, empty, empty, flags[0], flags, flags, empty[0],
+        np.ones((1, 2)),
+    )  # fmt: skip
+    (change,) = find_changes(Truth(time, np.zeros((len(time), 2, 2)), b), models)
+    assert change.time == pytest.approx(6.9)
+    assert change.effects == (("dte", "Q", 0.5),)
+
+
 @pytest.mark.parametrize(("left", "told"), [(0.5, True), (0.9, False)])
 def test_a_slow_change_of_the_plant_is_described_with_its_effectiveness(left: float, told: bool) -> None:
     time = np.arange(0.0, 10.0, 0.1)
