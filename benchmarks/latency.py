@@ -31,7 +31,9 @@ WHO = ("relay", "identifier")
 TICKS = os.sysconf("SC_CLK_TCK")
 PERCENTILES = {"p50": 50.0, "p99": 99.0, "p99.9": 99.9}
 LOSSLESS = (500, 1000, 1500, 2000, 2500, 3000, 4000)
-"""Rates at which loss is looked for [Hz]."""
+"""Rates at which loss is looked for besides [Hz]."""
+SEARCH = 10.0
+"""How long at each of them, at most [s]; once."""
 DRAIN = 0.5
 """Wait for the last answers [s]."""
 
@@ -172,8 +174,9 @@ def measure(rates: Sequence[float], seconds: float, rounds: int, say: Callable[[
             stack.callback(os.sched_setaffinity, 0, before)
         probes = _probes(stack, domain)
         for rate in [*rates, *(r for r in LOSSLESS if r > max(rates))]:
-            say(f"{rate:g} Hz: {rounds} rounds of {seconds:g} s each")
-            row = _rate(probes, rate, seconds, rounds, domain, cores[-1] if pinned else None)
+            length, count = (seconds, rounds) if rate in rates else (min(seconds, SEARCH), 1)
+            say(f"{rate:g} Hz: {count} rounds of {length:g} s each")
+            row = _rate(probes, rate, length, count, domain, cores[-1] if pinned else None)
             if rate in rates:
                 result["rates"].append(row)
             for who in WHO:
