@@ -30,10 +30,11 @@ from msls_ros.estimation.dither_limits import (
     elapse,
     move,
     note_reached,
+    note_together,
     settle,
     spend,
 )
-from msls_ros.estimation.dither_window import hold_back, modelled_square, rest
+from msls_ros.estimation.dither_window import apart_square, hold_back, modelled_square, rest
 from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
@@ -235,10 +236,12 @@ def inject(
         finite = weigh_entries(law, x, known.b[k], known.variance[k], scratch[0, :m], scratch[3, :3])
         unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
         held = min(dt, law.stale_after)
-        factor = 1.0
+        factor = together = 1.0
         if unit > 0.0:
-            share = unit * modelled_square(law, x, known.b[k], 0.0, 0.0, scratch[3, :3])
-            factor = spend(x, time[k] - (dt - held), held, share)
+            resultant = modelled_square(law, x, known.b[k], 0.0, 0.0, scratch[3, :3])
+            factor = spend(x, time[k] - (dt - held), held, unit * resultant)
+            apart = apart_square(law, x, known.b[k], scratch[3, :3])
+            together = note_together(x, resultant, apart, exponential(-dt / ACHIEVED))
         if dt > law.stale_after or not law.enabled:
             rest(law, x, time[k] - (dt - held), dt - held)
             out.level[k] = 3 if law.enabled else 0
@@ -255,7 +258,7 @@ def inject(
         out.rms[k], binds = choose(law, x, known.b[k], limit * GRAVITY, square, caps)
         lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
         waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
-        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k])
+        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k]) * math.sqrt(together)
         if unit > 0.0:
             hold_back(law, x, known.b[k], unit, delta[k], dt, three, out.delta[k])
         if law.worst_case:

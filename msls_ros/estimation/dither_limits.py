@@ -61,6 +61,8 @@ class Effectors(NamedTuple):
     """(m, 3) of the last interval, mean, mean square [1]."""
     reached: Array
     """(m, 2) mean squares that the surface reached, and that were wanted [rad^2]."""
+    together: Array
+    """(2,) mean square of the acceleration by all surfaces, and the sum of their own mean squares [m^2/s^4]."""
     relief: Array
     """(m,) part of its share that an effector needs, 1 at most (`dither.target_error`)."""
     wanted: Array
@@ -89,6 +91,7 @@ def make_effectors(limits: Array, boost: float) -> Effectors:
         surface=np.zeros(m),
         pole=np.zeros((m, 3)),
         reached=np.zeros((m, 2)),
+        together=np.zeros(2),
         relief=relief,
         wanted=np.zeros(m),
         clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0, 0.0]),
@@ -222,6 +225,14 @@ def note_reached(x: Effectors, j: int, decay: float) -> float:
     if x.reached[j, 1] <= 0.0:
         return 1.0
     return float(min(x.reached[j, 0] / x.reached[j, 1], 1.0))
+
+
+@compiled
+def note_together(x: Effectors, resultant: float, apart: float, decay: float) -> float:
+    """Update what holding back leaves of the squares' sum, which would be felt of independent surfaces; 0 to 1."""
+    x.together[0] = decay * x.together[0] + (1.0 - decay) * resultant
+    x.together[1] = decay * x.together[1] + (1.0 - decay) * apart
+    return float(min(x.together[0] / x.together[1], 1.0)) if x.together[1] > 0.0 else 1.0
 
 
 @compiled

@@ -43,6 +43,17 @@ def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float,
 
 
 @compiled
+def apart_square(law: Law, x: Effectors, b: Array, scratch: Array) -> float:
+    """Sum of the squares that each surface's share is felt as by itself, by B-hat [m^2/s^4]."""
+    total = 0.0
+    for j in range(x.surface.shape[0]):
+        felt(b, law.rows, law.station, j, scratch)
+        one = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
+        total += one * x.surface[j] * x.surface[j]
+    return total
+
+
+@compiled
 def held_square(law: Law, x: Effectors, b: Array, hold: float, part: float, scratch: Array) -> float:
     """Integral of the square over ``hold`` s of ``part`` of the commands, and until the surfaces rest [m^2/s^3].
 

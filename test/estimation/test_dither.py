@@ -218,7 +218,7 @@ def test_prediction_and_what_is_felt_agree() -> None:
         realised = np.linalg.norm(accelerations(b, shares, c), axis=1) / GRAVITY
         rms = math.sqrt(float(np.mean(np.square(realised[100:]))))
         assert 0.85 * c.dither.limit_nominal <= rms <= c.dither.limit_nominal
-        assert block.predicted_acceleration[100:].mean() == pytest.approx(rms, rel=0.15)
+        assert block.predicted_acceleration[100:].mean() == pytest.approx(rms, rel=0.04)
 
 
 def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
