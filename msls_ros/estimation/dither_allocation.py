@@ -56,14 +56,21 @@ def felt(b: Array, rows: Integers, station: Array, j: int, out: Array) -> None:
 
 
 @compiled
+def felt_square(b: Array, rows: Integers, station: Array, j: int, out: Array) -> float:
+    """Return ``g_j^2`` at the estimate [m^2/s^4/rad^2]; ``out`` as in `felt`."""
+    felt(b, rows, station, j, out)
+    return float(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
+
+
+@compiled
 def expected_square(b: Array, variance: Array, rows: Integers, station: Array, j: int, out: Array) -> float:
     """Return ``E[g_j^2]`` [m^2/s^4/rad^2]: at the estimate, plus the variances of the entries; ``out`` as in `felt`."""
-    felt(b, rows, station, j, out)
+    known = felt_square(b, rows, station, j, out)
     roll, pitch, yaw = entry(variance, rows, 3, j), entry(variance, rows, 4, j), entry(variance, rows, 5, j)
     ahead, above, right = station[0] * station[0], station[1] * station[1], station[2] * station[2]
     spread = entry(variance, rows, 0, j) + entry(variance, rows, 1, j) + entry(variance, rows, 2, j)
     spread += roll * (above + right) + pitch * (ahead + above) + yaw * (ahead + right)
-    return float(out[0] * out[0] + out[1] * out[1] + out[2] * out[2] + spread)
+    return float(known + spread)
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.dither_allocation import allocate, expected_square, felt, worst_case
+from msls_ros.estimation.dither_allocation import allocate, expected_square, felt_square, worst_case
 from msls_ros.estimation.dither_answer import (
     ACCELERATION,
     CAPPED,
@@ -30,11 +30,9 @@ from msls_ros.estimation.dither_limits import (
     elapse,
     move,
     note_reached,
-    note_together,
     settle,
-    spend,
 )
-from msls_ros.estimation.dither_window import apart_square, hold_back, modelled_square, rest
+from msls_ros.estimation.dither_window import enter_window, hold_back, rest
 from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
@@ -180,8 +178,7 @@ def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Arr
         for q in range(b.shape[0]):
             if not abs(b[q, j]) < LARGEST_EFFECT:
                 finite = False
-        felt(b, law.rows, law.station, j, scratch)
-        known = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
+        known = felt_square(b, law.rows, law.station, j, scratch)
         square[j] = expected_square(b, variance, law.rows, law.station, j, scratch)
         least = START * law.cap_unreliable * x.limits[j, WEIGHT]
         if least > 0.0 and not square[j] * least * least < limit * limit:
@@ -238,10 +235,7 @@ def inject(
         held = min(dt, law.stale_after)
         factor = together = 1.0
         if unit > 0.0:
-            resultant = modelled_square(law, x, known.b[k], 0.0, 0.0, scratch[3, :3])
-            factor = spend(x, time[k] - (dt - held), held, unit * resultant)
-            apart = apart_square(law, x, known.b[k], scratch[3, :3])
-            together = note_together(x, resultant, apart, exponential(-dt / ACHIEVED))
+            factor, together = enter_window(law, x, known.b[k], unit, time[k] - (dt - held), held, scratch[3, :3])
         if dt > law.stale_after or not law.enabled:
             rest(law, x, time[k] - (dt - held), dt - held)
             out.level[k] = 3 if law.enabled else 0

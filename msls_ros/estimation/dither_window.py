@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.dither_allocation import felt
+from msls_ros.estimation.dither_allocation import felt, felt_square
 from msls_ros.estimation.dither_inputs import Law
 from msls_ros.estimation.dither_limits import (
+    ACHIEVED,
     CORNER,
     LONGEST,
     MOST,
@@ -15,6 +16,7 @@ from msls_ros.estimation.dither_limits import (
     Effectors,
     left_of_window,
     move,
+    note_together,
     settle,
     spend,
 )
@@ -47,10 +49,24 @@ def apart_square(law: Law, x: Effectors, b: Array, scratch: Array) -> float:
     """Sum of the squares that each surface's share is felt as by itself, by B-hat [m^2/s^4]."""
     total = 0.0
     for j in range(x.surface.shape[0]):
-        felt(b, law.rows, law.station, j, scratch)
-        one = scratch[0] * scratch[0] + scratch[1] * scratch[1] + scratch[2] * scratch[2]
-        total += one * x.surface[j] * x.surface[j]
+        total += felt_square(b, law.rows, law.station, j, scratch) * x.surface[j] * x.surface[j]
     return total
+
+
+@compiled
+def enter_window(
+    law: Law, x: Effectors, b: Array, unit: float, time: float, dt: float, scratch: Array
+) -> tuple[float, float]:
+    """Enter the acceleration of the last interval of ``dt`` s, until ``time``.
+
+    Returns
+    -------
+    tuple
+        What factor the next commands may have, and what holding back leaves of the sum of the squares; both 0 to 1.
+    """
+    resultant = modelled_square(law, x, b, 0.0, 0.0, scratch)
+    together = note_together(x, resultant, apart_square(law, x, b, scratch), exponential(-dt / ACHIEVED))
+    return spend(x, time, dt, unit * resultant), together
 
 
 @compiled

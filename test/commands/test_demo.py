@@ -111,6 +111,7 @@ def test_without_noise_it_settles_soon_and_in_a_third_of_the_time_of_rls(
     b43 = flights("roll_doublet_tail_fault", "none", seed, literal=literal).summary["b43"]
     assert b43["bank"]["settle_s"] <= 0.2 + 1e-9
     assert b43["bank"]["settle_s"] <= b43["rls"]["settle_s"] / 3.0
+    assert b43["rls"]["peak_error"] > b43["bank"]["peak_error"]
     if literal:  # dither three times as strong keeps RLS close: both err by what is lost, when it is lost
         assert b43["rls"]["peak_error"] >= 2.0 * b43["bank"]["peak_error"]
 
