@@ -9,7 +9,7 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -94,13 +94,13 @@ class Interrupted:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """Do something whole before the exception comes."""
-        self._held = True
+        """Do something whole before the exception comes, such as what other processes or threads have part in."""
+        before, self._held = self._held, True
         try:
             yield
         finally:
-            self._held = False
-        if self.came:
+            self._held = before
+        if self.came and not self._held:
             raise KeyboardInterrupt
 
 
@@ -143,9 +143,13 @@ def _fly(
     if rows:
         print(f"campaign: {len(rows)} of {len(tasks)} flights are in '{store.folder}'", file=sys.stderr, flush=True)
     start, simulated = time.monotonic(), 0.0
-    ends = run(fly_task, todo, jobs=arguments.jobs, scheduler=arguments.scheduler)
+    alone = arguments.jobs == 1 and arguments.scheduler is None
+    ends = run(fly_task, todo, jobs=arguments.jobs, scheduler=arguments.scheduler, stopped=lambda: bool(interrupted))
     try:
-        with Progress(f"flying {len(todo)} flights", len(todo), "flights") as bar:
+        with (
+            nullcontext() if alone else interrupted.held(),
+            Progress(f"flying {len(todo)} flights", len(todo), "flights") as bar,
+        ):
             for number, end in enumerate(ends, 1):
                 if interrupted:  # and swallowed: what has come may be wrong
                     raise KeyboardInterrupt

@@ -9,7 +9,7 @@ import re
 import signal
 import threading
 import time
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from tempfile import TemporaryDirectory
@@ -25,6 +25,8 @@ PER_THREAD = 2
 """Tasks in flight for each thread of the workers: one runs, one waits."""
 POLL = 1.0
 """Seconds between two looks at the workers."""
+STOP_POLL = 0.1
+"""Seconds between two questions whether to stop."""
 DEATHS = 2
 """Worker processes of this machine that die with a task before it is suspected, and again before it is judged."""
 GRACE = 0.5
@@ -137,15 +139,16 @@ class Fleet:
         To a scheduler.
     name
         Of the scheduler, for people.
-    patience
+    patience, stopped
         See `run`.
     """
 
-    def __init__(self, client: Any, name: str, patience: float) -> None:
+    def __init__(self, client: Any, name: str, patience: float, stopped: Callable[[], bool]) -> None:
         """Take the client; see the class."""
         self._client = client
         self._name = name
         self._patience = patience
+        self._stopped = stopped
         self._looked, self._seen = 0.0, time.monotonic()
         self._known: dict[str, int] = {}  # workers of our code, and their threads
         self._flying: dict[str, tuple[Any, Attempt]] = {}
@@ -178,7 +181,7 @@ class Fleet:
     def _ends(self, attempts: Iterator[Attempt], *, alone: bool) -> Iterator[tuple[Attempt, Any]]:
         """Give each task with its end: a `Done`, or the `KilledWorker` of its workers."""
         more = True
-        while more or self._flying:
+        while (more or self._flying) and not self._stopped():
             window = self._window()
             while more and len(self._flying) < (min(window, 1) if alone else window):
                 attempt = next(attempts, None)
@@ -193,7 +196,7 @@ class Fleet:
     def _next(self) -> tuple[Attempt, Any] | None:
         """Wait for the end of a task, or a while."""
         try:
-            future = self._ended.get(timeout=POLL)
+            future = self._ended.get(timeout=STOP_POLL)
         except queue.Empty:
             return None
         try:

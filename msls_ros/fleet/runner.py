@@ -20,6 +20,7 @@ def run(
     scheduler: str | None = None,
     expected: tuple[type[Exception], ...] = (),
     patience: float = 30.0,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Generator[Done, None, None]:
     """Run a function on tasks and give each one's end when it comes, in any order, each exactly once.
 
@@ -40,6 +41,9 @@ def run(
         Exceptions by which the function says that a task cannot be done; others end the run.
     patience
         Longest time [s] to wait for the scheduler to answer, and that it may have no worker.
+    stopped
+        Asked before every task and, with worker processes, several times a second: true ends the iteration at once.
+        A signal's handler that raises instead may do so in the midst of what Dask does.
 
     Raises
     ------
@@ -49,6 +53,8 @@ def run(
     """
     if (jobs == 1 and scheduler is None) or not tasks:
         for index, task in enumerate(tasks):
+            if stopped():
+                return
             yield attempt(function, task, index, expected)
         return
     try:
@@ -60,4 +66,4 @@ def run(
     attempts = (Attempt(function, task, index, expected, code) for index, task in enumerate(tasks))
     start = local_client(min(jobs, len(tasks))) if scheduler is None else remote_client(scheduler, patience)
     with start as client:
-        yield from Fleet(client, scheduler or "this machine", patience).run(attempts)
+        yield from Fleet(client, scheduler or "this machine", patience, stopped).run(attempts)
