@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 import msls_ros.plant
 from msls_ros.campaigns.naming import judge_names
-from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier
+from msls_ros.estimation import Configuration, EstimationError, EventKind, Identifier, Level
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.fleet.work import running_code
 from msls_ros.flights.closed_loop import RIGID_BODY, FlightLog, fly
+from msls_ros.flights.comparison import dither_figures, realised_acceleration
 from msls_ros.flights.judging import (
     PEERS,
     START,
@@ -46,6 +47,8 @@ Row = dict[str, Any]
 BAND = 1.96
 """Half of the 95 % band, in standard errors."""
 FIELDS = ("a", "b", "bias", "a_std", "b_std", "a_reliable", "b_reliable")
+DITHER = ("predicted_g_max", "predicted_g_rms", "realised_g_rms", "realised_of_limit_1s_max")
+"""What is kept of `dither_figures`; rms over the samples at the nominal level."""
 PROGRAMS = ("jsbsim", "numpy", "numba")
 """They decide a flight, beside our own code."""
 
@@ -188,9 +191,23 @@ def judge(cell: Cell, log: FlightLog) -> Row:
         "reliable_share_before": mean(reliable[(estimated_at <= at[before][-1]) & (estimated_at > START)]),
         "finite": all(np.isfinite(one).all() for one in numbers)
         and not any(np.isnan(flown[name]).any() for name in ("a_std", "b_std")),
-        "dither_predicted_g_max": max(one.predicted_acceleration for one in log.dithers),
+        "dither": _dither(scenario, log),
         "simulated_s": scenario.duration,
     }
+
+
+def _dither(scenario: Scenario, log: FlightLog) -> Row:
+    """Return what the dither was predicted to be felt as and what was felt, through actuators and the true B."""
+    commands = np.array([one.delta for one in log.dithers])
+    realised = realised_acceleration(np.array(log.time), commands, log.truth(lambda one: one.b), scenario.airframe)
+    figures = dither_figures(
+        np.array(log.time),
+        realised,
+        np.array([one.predicted_acceleration for one in log.dithers]),
+        np.array([one.acceleration_limit for one in log.dithers]),
+        np.array([one.level == Level.BOOSTED for one in log.dithers]),
+    )
+    return {name: figures[name] for name in DITHER}
 
 
 def tracking_row(log: FlightLog, scenario: Scenario) -> Row:

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from msls_ros.campaigns.flight import ANGLES, Cell, Row, estimators
+from msls_ros.campaigns.flight import ANGLES, DITHER, Cell, Row, estimators
 from msls_ros.flights.judging import ALARM_WINDOW, LATE, SETTLED
 from msls_ros.flights.spread import Spread, spread
 
@@ -30,6 +30,8 @@ NOTES = (
     "wrongly: any other name. z: the share left less the true one, over its standard error.",
     "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
     "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
+    "dither: rms acceleration at the pilot's station by the dither alone, as predicted from B-hat and as felt through "
+    "actuators and the true B, both at the nominal level, medians; worst second: of any flight.",
 )
 
 
@@ -60,7 +62,7 @@ def summarise(cell: Cell, rows: Sequence[Row]) -> dict[str, Any]:
         "named": {key: sum(row["named"][key] for row in flown) for key in NAMED},
         "named_z": _spread(abs(z) for row in flown for z in row["named"]["z"]),
         "reliable_share_before": _spread(row["reliable_share_before"] for row in flown),
-        "dither_predicted_g_max": max((row["dither_predicted_g_max"] for row in flown), default=None),
+        "dither": _dither([row["dither"] for row in flown]),
         "not_finite": {
             "flight": sum(not row["finite"] for row in flown),
             **{name: sum(not row[name]["finite"] for row in flown) for name in methods},
@@ -82,6 +84,15 @@ def _tracking(rows: Sequence[dict[str, Any]]) -> dict[str, Any] | None:
         **{name: _spread(row[name] for row in rows) for name in (*ANGLES, "fixed_share")},
         "recovery_median_s": None if math.isinf(median) else median,
         "why": sorted({row["why"] for row in rows if row["why"]}),
+    }
+
+
+def _dither(rows: Sequence[dict[str, float]]) -> dict[str, float] | None:
+    """Return the median of what was predicted and felt, and the largest of the rest."""
+    if not rows:
+        return None
+    return {
+        name: float((np.median if name.endswith("_rms") else np.max)([row[name] for row in rows])) for name in DITHER
     }
 
 
@@ -185,6 +196,15 @@ def _recovered(summary: dict[str, Any]) -> str:
     return "never" if median is None else f"{median:.2f}"
 
 
+def _felt(summary: dict[str, Any]) -> str:
+    dither = summary["dither"]
+    return "-" if dither is None else f"{dither['predicted_g_rms']:.4f} {dither['realised_g_rms']:.4f}"
+
+
+def _worst(dither: dict[str, float]) -> str:
+    return f"{100.0 * dither['realised_of_limit_1s_max']:.0f}"
+
+
 LAW: Sequence[Column] = (
     ("kept", lambda s: f"{s['tracking']['kept']} of {s['tracking']['of']}"),
     ("roll rate rms [deg/s]", _tracked("roll_rms")),
@@ -216,5 +236,6 @@ TRUST: Sequence[Column] = (
     ("late [%]", _of("", "late_error_now")),
     ("NaN", lambda s: str(s["not_finite"]["flight"])),
     ("NaN in RLS", _missing("rls")),
-    ("dither [g]", lambda s: "-" if s["dither_predicted_g_max"] is None else f"{s['dither_predicted_g_max']:.3f}"),
+    ("dither, predicted and felt [g]", _felt),
+    ("worst second [% of limit]", lambda s: "-" if s["dither"] is None else _worst(s["dither"])),
 )

@@ -98,7 +98,10 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
         "detections": detections,
         "false_alarms": false_alarms(scenario.fault_spans, alarms),
         scenario.watch.symbol: watched,
-        "dither": _dither(c),
+        "dither": {
+            **dither_figures(c.time, c.realised, c.predicted, c.limit, c.boosted),
+            "rms_rad_max": float(c.dither_rms.max()),
+        },
         "flight": {
             "alpha_error_max_deg": float(np.degrees(np.abs(c.alpha - c.alpha[0]).max())),
             "sideslip_max_deg": float(np.degrees(np.abs(c.beta).max())),
@@ -107,24 +110,37 @@ def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:
     }
 
 
-def _dither(c: Comparison) -> dict[str, float]:
-    """Return the dither's numbers; the realised rms over the nominal and over the boosted samples.
+def dither_figures(
+    time: Array, realised: Array, predicted: Array, limit: Array, boosted: NDArray[np.bool_]
+) -> dict[str, float]:
+    """Return what the dither was predicted to be felt as and what was felt, nominal and boosted samples apart [g].
 
-    ``realised_of_limit_1s_max`` is the largest rms over 1 s of the realised acceleration over its limit.
+    ``realised_of_limit_1s_max`` is the largest rms over 1 s of the realised acceleration over its limit [1].
+
+    Parameters
+    ----------
+    time
+        (n,) [s].
+    realised
+        (n, 3) see `realised_acceleration` [g].
+    predicted, limit
+        (n,) [g].
+    boosted
+        (n,) whether the limit is that after an alarm.
     """
-    total = np.linalg.norm(c.realised, axis=1)
-    nominal, boosted = ~c.boosted, c.boosted
-    shares = np.square(total / np.where(c.limit > 0.0, c.limit, math.inf))
-    width = min(max(round(1.0 / float(np.median(np.diff(c.time)))), 1), len(shares))
+    total = np.linalg.norm(realised, axis=1)
+    nominal = ~boosted
+    shares = np.square(total / np.where(limit > 0.0, limit, math.inf))
+    width = min(max(round(1.0 / float(np.median(np.diff(time)))), 1), len(shares))
     windows = np.convolve(shares, np.full(width, 1.0 / width), "valid")
     return {
         "realised_of_limit": math.sqrt(float(shares.mean())),
         "realised_of_limit_1s_max": math.sqrt(float(windows.max())),
-        "predicted_g_max": float(c.predicted.max()),
-        "predicted_g_max_nominal": float(c.predicted[nominal].max()),
-        "realised_g_rms": rms(total[nominal]),
+        "predicted_g_max": float(predicted.max()),
+        "predicted_g_max_nominal": float(predicted[nominal].max()) if nominal.any() else 0.0,
+        "predicted_g_rms": rms(predicted[nominal]) if nominal.any() else 0.0,
+        "realised_g_rms": rms(total[nominal]) if nominal.any() else 0.0,
         "realised_g_rms_boosted": rms(total[boosted]) if boosted.any() else 0.0,
-        "rms_rad_max": float(c.dither_rms.max()),
     }
 
 

@@ -44,6 +44,10 @@ def test_a_campaign_tells_each_flight_in_csv_and_all_in_one_json_value(
     assert quiet["msls"]["rms_before"]["high"] < noisy["msls"]["rms_before"]["low"]
     b = quiet["coverage"]["b"]
     assert 0.5 < b["share"] < 1.0 and 100 < b["number"] < b["of"] == 3 * 20 * 42
+    for cell in (quiet, noisy):
+        dither = cell["dither"]
+        assert 0.5 * dither["predicted_g_rms"] < dither["realised_g_rms"] < 1.1 * dither["predicted_g_rms"]
+        assert 0.5 < dither["realised_of_limit_1s_max"] < 1.1
     rows = rows_of(out)
     assert [(row["noise"], row["seed"]) for row in rows] == [(n, s) for n in ("none", "low") for s in "567"]
     assert all(row["finite"] == "true" and row["fault1_delay_s"] == "0.02" for row in rows[:3])
@@ -336,7 +340,12 @@ def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() 
             "coverage": {"a": part, "b": {"share": None, "number": 0, "of": 40}},
             "named": {"rightly": 1, "wrongly": 0, "not": 0, "z": [0.5]},
             "reliable_share_before": 0.5,
-            "dither_predicted_g_max": 0.012,
+            "dither": {
+                "predicted_g_max": 0.012 + 0.001 * changes.get("false_alarms", 0),
+                "predicted_g_rms": 0.011,
+                "realised_g_rms": 0.01,
+                "realised_of_limit_1s_max": 0.9,
+            },
             "finite": True,
             **{name: {**estimator, "finite": True} for name in ("bank", "msls", "rls")},
         }
@@ -354,7 +363,8 @@ def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() 
     assert found["coverage"]["b"]["share"] == 0.5
     assert found["not_finite"]["flight"] == 1 and found["errors"] == ["lost"]
     empty = summarise(cell, [])
-    assert (empty["false_alarms_per_h"], empty["delay_s"], empty["dither_predicted_g_max"]) == (None, None, None)
+    assert (empty["false_alarms_per_h"], empty["delay_s"], empty["dither"]) == (None, None, None)
+    assert found["dither"]["predicted_g_max"] == 0.014 and found["dither"]["realised_g_rms"] == 0.01
 
 
 def test_the_time_of_an_alarm_decides_whether_it_is_false() -> None:
