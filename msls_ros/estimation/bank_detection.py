@@ -11,7 +11,7 @@ in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
 is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
 what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
 five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
-added to the nominal one. No noise level enters anywhere.
+added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
 """
 
 from __future__ import annotations
@@ -66,8 +66,7 @@ def sense_bank(
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
         square = sharp * sharp
         surprise = square / expected
-        nominal = nominal_square(s, x, q) + unknown_square(x, q, phi)
-        statistic[q] = change_of(s, x, q, surprise, nominal)
+        statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
         if statistic[q] > s.threshold and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
@@ -110,8 +109,11 @@ def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
 
 
 @compiled
-def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: float) -> float:
-    """Return the statistic of row q with the squared error of now; 0 where none is nominal."""
+def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: float, unknown: float) -> float:
+    """Return the statistic of row q with the squared error of now; 0 where none is nominal.
+
+    The error of an estimate is the same in all samples of a window, it does not average: its quantile is that of one.
+    """
     if nominal == math.inf:
         return 0.0
     size = x.ring.shape[1]
@@ -122,7 +124,7 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: f
         while taken < s.windows[i]:
             total += x.surprise[q, (x.counted[q] - taken) % size]
             taken += 1
-        value = total / s.windows[i] / nominal / s.quantiles[i]
+        value = total / s.windows[i] / (nominal * s.quantiles[i] + unknown * s.quantiles[0])
         if value > largest:
             largest = value
     return largest

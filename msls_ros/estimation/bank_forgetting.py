@@ -15,6 +15,9 @@ from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, co
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
+CHANGE = 1.0
+"""By how much a fault may change a state's effect, over what states have in the mean: see `keep_states`."""
+
 
 @compiled
 def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
@@ -46,6 +49,40 @@ def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0
+
+
+@compiled
+def keep_states(s: BankSettings, x: BankState, g: int) -> None:
+    """Let group g, which begins anew, know the states' effects as far as a fault leaves them.
+
+    A fault may change the effect of any state by as much as the states have in the mean: the prior of coefficient i of
+    row q has the variance ``CHANGE^2 size^2 / scale_i^2 + square_i``, ``size^2`` the mean of ``(a_qi scale_i)^2`` over
+    the states, ``square_i`` the squared standard error before. Rows that share the factor get the widest. Effectors
+    get the members' own priors: a fault may do anything to them.
+    """
+    for i in range(1, s.effectors_from + 1):
+        keep = math.inf
+        for q in range(x.group.shape[0]):
+            if x.group[q] == g:
+                keep = min(keep, kept_information(s, x, q, i))
+        if not 0.0 < keep < math.inf:
+            continue
+        for m in range(s.forgetting.shape[0]):
+            x.info[g, i, m] = s.prior[i, m] * s.prior[i, m] + keep
+            x.R[g, i, i, m] = math.sqrt(x.info[g, i, m])
+
+
+@compiled
+def kept_information(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Information about the effect of state i that row q keeps through a fault, in its residual's variance; 0: none."""
+    if x.base[q, 1] < s.rest or x.square_before[q, i] == math.inf:
+        return 0.0
+    total = 0.0
+    for k in range(1, s.effectors_from + 1):
+        effect = x.theta_before[q, k] * s.sigma[k]
+        total += effect * effect / s.effectors_from
+    variance = CHANGE * CHANGE * total / (s.sigma[i] * s.sigma[i]) + x.square_before[q, i]
+    return float(x.base[q, 0] / x.base[q, 1] / variance) if variance > 0.0 else 0.0
 
 
 @compiled

@@ -165,15 +165,22 @@ class BankRegression:
         self.state.pending[row] = 0
 
     def losses(self, rows: Sequence[int]) -> Losses:
-        """Say what the rows, since their alarm, know of the loss of each surface."""
+        """Say what the rows, since their alarm, know of the loss of each surface.
+
+        It is what the member of the last second and a half says; by how much the quick one contradicts it, beyond
+        what chance makes, is part of the error: samples from before the fault fade from the one before the other.
+        """
         x, work = self.state, self._work
         work.concerned[:] = 0
         work.concerned[list(rows)] = 1
         s = self.settings
+        compare_surfaces(s, x, s.loss_members[0], x.theta_before, x.square_before, work)
+        quick, chance = work.change.copy(), work.variance.copy()
         excess = float(compare_surfaces(s, x, s.recent, x.theta_before, x.square_before, work))
+        apart = np.maximum(np.square(work.change - quick) - chance, 0.0)  # none where the quick one knows nothing
         return Losses(
             work.change.tolist(),
-            [math.sqrt(v) for v in work.variance.tolist()],
+            np.sqrt(work.variance + apart).tolist(),
             work.explained.tolist(),
             float(work.by_state[0]),
             excess,

@@ -11,7 +11,7 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
-from msls_ros.estimation.bank_forgetting import apply_loss
+from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import observe_inputs, regress_steps, square_in_step
 from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
@@ -177,6 +177,7 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
         if alarm[q] != 0 or x.group[q] == target:
             x.group[q] = target
             restart_row(x, q)
+    keep_states(s, x, target)
 
 
 @compiled

@@ -157,7 +157,7 @@ class BankState(NamedTuple):
     e: Array
     """(r,) last normalised prediction errors of the mixture; NaN: none."""
     residual: Array
-    """(r, 4) weighted sums: the members' normalised squared errors one step ahead, their weights; the same delayed."""
+    """(r, 2) weighted sums: the members' normalised squared errors one step ahead, their weights."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     quick: Array
@@ -317,7 +317,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         counted=np.zeros(rows, np.int64),
         base=np.zeros((rows, 2)),
         e=np.zeros(rows),
-        residual=np.zeros((rows, 4)),
+        residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
         quick=np.zeros(p),
         quick_past=np.zeros((s.late, effectors)),

@@ -4,15 +4,15 @@ Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
 
     now_i^2 = (s^2 c + sum W_m I_mi (theta_mi - theta_i)^2) / sum W_m I_mi  +  b_i^2  +  (f rho theta_i)^2
 
-The first term is covariance intersection times the variance of the residual. ``s^2`` is the geometric mean of the
-members' squared one-step and delayed prediction errors, each over 1 + d: the first alone does not see that the model
-bends, the second alone takes all bending for noise; errors count once the estimates that made them could know anything.
+The first term is covariance intersection times the variance of the residual. ``s^2`` is the mean of the members'
+squared one-step prediction errors, each over 1 + d; they count once the estimates that made them could know anything.
 ``c`` corrects for colour, ``(1 + rho)/(1 - rho)`` with the lag-1 autocorrelation rho of the prediction errors, and for
 the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - p - 2)``. The second term,
 the spread between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by
 gusts (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
 autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past
-inputs explain of the residuals (`bank_lags`).
+inputs explain of the residuals (`bank_lags`). Where the aircraft is elsewhere in the envelope than on average over the
+memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see below.
 
 **What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
 estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
@@ -69,13 +69,9 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
     q
         Row.
     e
-        (m,) delayed prediction errors; destroyed.
+        (m,) scratch.
     """
     deviation = x.deviation[x.group[q]]
-    for m in range(e.shape[0]):
-        scaled = e[m] * deviation[m]
-        e[m] = x.weight[q, m] * scaled * scaled
-    delayed = sum_members(e)
     for m in range(e.shape[0]):
         e[m] = x.weight[q, m] * x.errors[q, m] * deviation[m]
     error = sum_members(e)
@@ -89,9 +85,6 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
         fade = 1.0 - (1.0 - s.residual_forgetting) * weight
         x.residual[q, 0] = fade * x.residual[q, 0] + weight * square
         x.residual[q, 1] = fade * x.residual[q, 1] + weight
-        if begun > s.delay:  # before, the estimates of then knew nothing
-            x.residual[q, 2] = fade * x.residual[q, 2] + weight * delayed
-            x.residual[q, 3] = fade * x.residual[q, 3] + weight
         if not math.isnan(x.e[q]):
             fade = 1.0 - (1.0 - s.colour_forgetting) * weight
             x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
@@ -121,21 +114,19 @@ def residual_variance(x: BankState, q: int) -> float:
     """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
     if x.residual[q, 1] <= 0.0:
         return math.inf
-    now = x.residual[q, 0] / x.residual[q, 1]
-    delayed = x.residual[q, 2] / x.residual[q, 3] if x.residual[q, 3] > 0.0 else now
-    return math.sqrt(now) * math.sqrt(max(now, delayed)) * long_run_factor(x, q)
+    return float(x.residual[q, 0] / x.residual[q, 1] * long_run_factor(x, q))
 
 
 @compiled
-def attenuation(s: BankSettings, x: BankState, q: int, noise: Array, b: Array) -> None:
+def attenuation(x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
     """Bias of row q's estimates by noise in the states: (p,) out, constant first.
 
     Parameters
     ----------
-    s, x
-        Settings and state.
-    q
-        Row.
+    x
+        State.
+    q, m
+        Row, and the member that leads there.
     noise
         (r,) variance of the noise in the states, that are the first regressors.
     b
@@ -143,7 +134,6 @@ def attenuation(s: BankSettings, x: BankState, q: int, noise: Array, b: Array) -
     """
     p = b.shape[0]
     g = x.group[q]
-    m = leading_member(x, q)
     R = x.R[g]
     samples = x.taken[g, m]
     for j in range(p):
@@ -188,7 +178,9 @@ def direct_squares(
         return False
     variance = residual_variance(x, q) * age / (age - p - 2.0)
     share = SYSTEMATIC * autocorrelation(x, q)
-    attenuation(s, x, q, noise, bias)
+    leader = leading_member(x, q)
+    attenuation(x, q, leader, noise, bias)
+    away = distance_from_mean(s, x, q, leader)
     for i in range(p):
         info = x.info[x.group[q], i]
         theta = x.members[q, i]
@@ -197,8 +189,29 @@ def direct_squares(
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
-        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
+        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
     return True
+
+
+@compiled
+def distance_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
+    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1].
+
+    The first row of its factor holds them: ``R_0i / R_00`` is the weighted mean of regressor i.
+    """
+    R = x.R[x.group[q]]
+    away = 0.0
+    for j in range(x.place.shape[0]):
+        step = x.place[j] - R[0, s.velocities[j], m] / R[0, 0, m] / s.speed[j]
+        away += step * step
+    return away
+
+
+@compiled
+def elsewhere_square(s: BankSettings, value: float, i: int, away: float) -> float:
+    """Square by which coefficient i (constant first), known as ``value``, may differ at that squared distance."""
+    reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
+    return value * value / (reach * reach) * away
 
 
 @compiled
@@ -220,9 +233,7 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
     for j in range(x.place.shape[0]):
         step = x.place[j] - x.best_place[q, i, j]
         away += step * step
-    reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
-    size = x.best[q, i] / reach
-    return float(x.best_square[q, i] + moved * moved + size * size * away)
+    return float(x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away))
 
 
 @compiled

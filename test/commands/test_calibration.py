@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks import calibration
-from benchmarks.calibration_beds import Recorded, flight_test_beds, mapped
+from benchmarks.calibration_beds import Recorded, f16_beds, flight_test_beds, mapped, record
 
 
 def recorded(n: int = 400, rate: float = 50.0) -> Recorded:
@@ -82,3 +82,21 @@ def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
     assert direct["flights"] == through["flights"] == 2
     assert direct["broken"] == direct["silent"] == 2
     assert "flight test, mapped: 2 flights" in calibration.render(result)
+
+
+def judged(name: str, noise: str, seed: int, path: str) -> dict[str, Any]:
+    """Fly a scenario of the F-16 and judge what is said of it."""
+    (bed,) = f16_beds((name,), (noise,))
+    return calibration.judge(bed, seed, record(bed, seed, None), path, bed.configuration(seed))
+
+
+def test_bars_hold_where_a_strong_manoeuvre_carries_the_aircraft_through_the_envelope() -> None:
+    number, of, counts = judged("strong", "low", 501, "direct")["phases"]["B"]["manoeuvre"]
+    found = calibration.phase_numbers([[number, of, counts]])
+    assert found["coverage"] > 0.88 and found["share"] > 0.2
+
+
+def test_a_name_through_differentiated_rates_waits_until_its_share_is_right() -> None:
+    for seed in (300, 301, 304):
+        names = judged("nozzle_failure", "low", seed, "mapped")["isolations"]
+        assert names and all(one["right"] and abs(one["z"]) <= calibration.BAND for one in names), names

@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "0356e40b92e1d22b1b0cb116b236fa18"
+PINNED = "bac3c2c1d1154c08d6d176e8d186c2bd"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
