@@ -67,6 +67,7 @@ def keep_states(s: BankSettings, x: BankState, g: int) -> None:
                 keep = min(keep, kept_information(s, x, q, i))
         if not 0.0 < keep < math.inf:
             continue
+        x.kept_info[g, i] = keep
         for m in range(s.forgetting.shape[0]):
             x.info[g, i, m] = s.prior[i, m] * s.prior[i, m] + keep
             x.R[g, i, i, m] = math.sqrt(x.info[g, i, m])
@@ -108,6 +109,8 @@ def copy_group(x: BankState, g: int, target: int) -> None:
         x.deviation[target, m] = x.deviation[g, m]
         x.log[target, m] = x.log[g, m]
         x.taken[target, m] = x.taken[g, m]
+    for i in range(x.kept_info.shape[1]):
+        x.kept_info[target, i] = x.kept_info[g, i]
     x.age[target] = x.age[g]
     x.shared_gate[target] = x.shared_gate[g]
     x.waiting[target] = x.waiting[g]

@@ -104,6 +104,8 @@ class BankState(NamedTuple):
     """(g, m) ``ln(1 + d)`` of the last sample."""
     taken: Array
     """(g, m) sum of the weights of the samples in the factor."""
+    kept_info: Array
+    """(g, p) information in the priors of a group's factors that states have kept through a fault."""
     age: Integers
     """(g,) samples since the group began."""
     group: Integers
@@ -291,6 +293,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         deviation=np.zeros((groups, m)),
         log=np.zeros((groups, m)),
         taken=np.zeros((groups, m)),
+        kept_info=np.zeros((groups, p)),
         age=np.zeros(groups, np.int64),
         group=np.zeros(rows, np.int64),
         members=np.zeros((rows, p, m)),
@@ -387,6 +390,8 @@ def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
     """Put the priors in the place of all factors of group g."""
     for m in range(s.forgetting.shape[0]):
         clear_factor(s, x, g, m)
+    for i in range(s.prior.shape[0]):
+        x.kept_info[g, i] = 0.0
     x.age[g] = 0
     x.shared_gate[g] = 1.0
 

@@ -7,9 +7,10 @@ Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
 The first term is covariance intersection times the variance of the residual. ``s^2`` is the mean of the members'
 squared one-step prediction errors, each over 1 + d; they count once the estimates that made them could know anything.
 ``c`` corrects for colour, ``(1 + rho)/(1 - rho)`` with the lag-1 autocorrelation rho of the prediction errors, and for
-the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - p - 2)``. The second term,
-the spread between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by
-gusts (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
+the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - k - 2)``, k of the p of
+which are determined by the data and not by what the prior holds (`learnt_from_data`). The second term, the spread
+between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by gusts
+(`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
 autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past
 inputs explain of the residuals (`bank_lags`). Where the aircraft is elsewhere in the envelope than on average over the
 memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see below.
@@ -28,7 +29,8 @@ By the triangle inequality the error of now is at most that of then plus what th
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
 which is what the last term allows for. Where now is no worse than what is kept, it is kept instead.
 
-Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``2p``.
+Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``k + 2``
+samples, a few with what states keep through a fault (`bank_forgetting`).
 
 References
 ----------
@@ -166,19 +168,35 @@ def leading_member(x: BankState, q: int) -> int:
 
 
 @compiled
+def learnt_from_data(s: BankSettings, x: BankState, q: int, m: int) -> float:
+    """Return how many of row q's coefficients the data determine, and not the priors of member m: p less its trace.
+
+    ``p - trace((R'R)^-1 D)`` with D the diagonal information of the priors (Hastie, Tibshirani and Friedman, *The
+    Elements of Statistical Learning*, 2nd ed., section 3.4.1: effective degrees of freedom).
+    """
+    g = x.group[q]
+    number = 0.0
+    for i in range(x.mixed.shape[1]):
+        prior = s.prior[i, m] * s.prior[i, m] + x.kept_info[g, i]
+        number += max(1.0 - prior / x.info[g, i, m], 0.0)
+    return number
+
+
+@compiled
 def direct_squares(
     s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
 ) -> bool:
-    """Squared standard errors by what the members know now, (p,) out, constant first; False before 2p samples."""
+    """Squared standard errors by what the members know now, (p,) out, constant first; False while too few tell."""
     p = squares.shape[0]
     age = x.age[x.group[q]]
-    if x.residual[q, 1] <= 0.0 or age <= 2 * p:
+    leader = leading_member(x, q)
+    free = age - learnt_from_data(s, x, q, leader) - 2.0
+    if x.residual[q, 1] <= 0.0 or free <= 0.0:
         for i in range(p):
             squares[i] = math.inf
         return False
-    variance = residual_variance(x, q) * age / (age - p - 2.0)
+    variance = residual_variance(x, q) * age / free
     share = SYSTEMATIC * autocorrelation(x, q)
-    leader = leading_member(x, q)
     attenuation(x, q, leader, noise, bias)
     away = distance_from_mean(s, x, q, leader)
     for i in range(p):
