@@ -29,6 +29,7 @@ from msls_ros import messages
 from msls_ros.control import ControlError, Controller, ModelEstimate, Status
 from msls_ros.control.warm_up import warm_up
 from msls_ros.inputs import Refused
+from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.control_inputs import NO_COMMAND, PARTS, Collected, ControlInputs
 from msls_ros.nodes.control_parameters import IN_FLIGHT, PARAMETERS, aircraft_of, settings_of
 from msls_ros.nodes.parameters import NodeError, checked, declare_table, plain, warn_of_unknown
@@ -70,6 +71,7 @@ class ControllerNode(LifecycleNode):
         self._settings = settings_of(self._p)
         warn_of_unknown(self)
         guard_transitions(self)
+        self._bond = Bond(self, wanted=not self._p["autostart"])
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self._steady: Callable[[], int] = time.monotonic_ns
@@ -118,12 +120,20 @@ class ControllerNode(LifecycleNode):
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to answer samples."""
         self._active = True
+        self._bond.form()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop to answer: the stack, or the plant's own trim, takes over."""
         self._active = False
+        self._bond.end()
         return super().on_deactivate(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Stop to answer; the process ends."""
+        self._active = False
+        self._bond.end()
+        return SUCCESS
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Give the topics back and forget everything."""

@@ -22,6 +22,7 @@ from msls_ros.estimation.warm_up import warm_up
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
+from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
 from msls_ros.nodes.monitoring import Monitor, judged, told
 from msls_ros.nodes.outputs import Outputs
@@ -87,6 +88,7 @@ class IdentifierNode(LifecycleNode):
         self._inputs = declare_inputs(self)
         warn_of_unknown(self)
         guard_transitions(self)
+        self._bond = Bond(self, wanted=not self._p["autostart"])
         self._steady: Callable[[], int] = time.monotonic_ns
         self._identifier: Identifier | None = None
         self._sample: PairedSample | None = None
@@ -159,12 +161,14 @@ class IdentifierNode(LifecycleNode):
         self._active = True
         self._reminder.reset()
         self.get_logger().info(f"active: waiting for the first sample on {' and '.join(self._topics)}")
+        self._bond.form()
         return super().on_activate(state)
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the dither, then ignore what comes in."""
         self._inhibit("the identifier is deactivated")
         self._active = False
+        self._bond.end()
         self.get_logger().info("inactive: samples are ignored")
         return super().on_deactivate(state)
 
@@ -194,6 +198,7 @@ class IdentifierNode(LifecycleNode):
             self._stop("the identifier shuts down")
             self._outputs.wait_sent(GOODBYE)
         self._active = False
+        self._bond.end()
         self.get_logger().info("shutting down")
 
     def _build(self, configuration: Configuration) -> Identifier:

@@ -1,0 +1,78 @@
+"""The bond with a lifecycle manager: formed while active, where there is a manager and bondpy; through a stand-in."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from msls_ros.nodes import bonding
+from msls_ros.nodes.controller import ControllerNode
+from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.testing import Bench
+
+KINDS = (IdentifierNode, ControllerNode)
+said: list[tuple[Any, ...]] = []
+
+
+class StandIn:
+    """As the class of bondpy, which is not on the package index: what is asked of it."""
+
+    def __init__(self, node: Any, topic: str, name: str) -> None:
+        self.heartbeat_period = self.heartbeat_timeout = 0.0
+        self.who = (topic, name)
+
+    def start(self) -> None:
+        said.append(("start", *self.who, self.heartbeat_period, self.heartbeat_timeout))
+
+    def shutdown(self) -> None:
+        said.append(("shutdown", *self.who))
+
+
+@pytest.fixture
+def bondpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    package, module = ModuleType("bondpy"), ModuleType("bondpy.bondpy")
+    module.Bond = StandIn  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "bondpy", package)
+    monkeypatch.setitem(sys.modules, "bondpy.bondpy", module)
+    said.clear()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_active_node_keeps_a_bond_with_its_manager_and_ends_it_itself(bondpy: None, kind: Any) -> None:
+    with Bench() as bench:
+        node = bench.add(kind, autostart=False)
+        name = node.get_name()
+        node.trigger_configure()
+        assert said == []
+        for _ in range(2):
+            node.trigger_activate()
+            assert said == [("start", "bond", name, bonding.PERIOD, bonding.TIMEOUT)]
+            node.trigger_deactivate()
+            assert said[1:] == [("shutdown", "bond", name)]
+            said.clear()
+        node.trigger_activate()
+        node.trigger_shutdown()
+        assert said[1:] == [("shutdown", "bond", name)]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_node_that_starts_by_itself_has_none(bondpy: None, kind: Any) -> None:
+    with Bench() as bench:
+        node = bench.add(kind, autostart=True)
+        node.trigger_deactivate()
+    assert said == []
+
+
+def test_without_bondpy_it_says_what_the_manager_needs(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setitem(sys.modules, "bondpy", None)
+    with Bench() as bench:
+        node = bench.add(IdentifierNode, autostart=False)
+        node.trigger_configure()
+        node.trigger_activate()
+        node.trigger_deactivate()
+    assert "no bond with a manager: bondpy is not installed; nav2's needs bond_timeout: 0.0" in capfd.readouterr().err
