@@ -49,7 +49,18 @@ class Bond:
         self._formed = bond
 
     def end(self) -> None:
-        """Say that the node ends, so that its silence is no death."""
+        """Say that the node ends, so that its silence is no death.
+
+        Not by bondpy's own ``shutdown``, which destroys its subscription behind the node's back: the executor's next
+        wait fails on what is left of it (bondpy 4.1, rclpy 7.1).
+        """
         bond, self._formed = self._formed, None
-        if bond is not None:
-            bond.shutdown()
+        if bond is None:
+            return
+        bond.break_bond()
+        with bond.lock:
+            bond.is_shutdown = True
+            bond.condition.notify_all()
+        bond.connect_timer.cancel()
+        self._node.destroy_subscription(bond.sub)
+        self._node.destroy_publisher(bond.pub)

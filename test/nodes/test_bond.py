@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import sys
+import threading
 from types import ModuleType
 from typing import Any
 
 import pytest
+from std_msgs.msg import String
 
 from msls_ros.nodes import bonding
 from msls_ros.nodes.controller import ControllerNode
@@ -23,12 +25,18 @@ class StandIn:
     def __init__(self, node: Any, topic: str, name: str) -> None:
         self.heartbeat_period = self.heartbeat_timeout = 0.0
         self.who = (topic, name)
+        self.lock = threading.RLock()
+        self.condition = threading.Condition(self.lock)
+        self.connect_timer = threading.Timer(60.0, lambda: None)
+        self.is_shutdown = False
+        self.pub = node.create_publisher(String, topic, 1)
+        self.sub = node.create_subscription(String, topic, lambda _: None, 1)
 
     def start(self) -> None:
         said.append(("start", *self.who, self.heartbeat_period, self.heartbeat_timeout))
 
-    def shutdown(self) -> None:
-        said.append(("shutdown", *self.who))
+    def break_bond(self) -> None:
+        said.append(("broken", *self.who))
 
 
 @pytest.fixture
@@ -51,11 +59,12 @@ def test_an_active_node_keeps_a_bond_with_its_manager_and_ends_it_itself(bondpy:
             node.trigger_activate()
             assert said == [("start", "bond", name, bonding.PERIOD, bonding.TIMEOUT)]
             node.trigger_deactivate()
-            assert said[1:] == [("shutdown", "bond", name)]
+            assert said[1:] == [("broken", "bond", name)]
+            assert node.count_publishers("bond") == node.count_subscribers("bond") == 0
             said.clear()
         node.trigger_activate()
         node.trigger_shutdown()
-        assert said[1:] == [("shutdown", "bond", name)]
+        assert said[1:] == [("broken", "bond", name)]
 
 
 @pytest.mark.parametrize("kind", KINDS)
