@@ -21,11 +21,14 @@ import numpy as np
 
 from msls_ros.control.aircraft import AXES, STATES, ControlledAircraft
 from msls_ros.control.compiled import compiled
-from msls_ros.control.linear import Array, solve_general
+from msls_ros.control.linear import Array, Flags, solve_general
 from msls_ros.control.settings import ControlSettings
 from msls_ros.control.signals import ModelEstimate
 
 ROWS = [STATES.index(axis) for axis in AXES]
+PITCH = AXES.index("Q")
+LEAST_LEFT = 0.05
+"""Share of the pitching power below which gains fall no further."""
 UNKNOWN = 1e6
 """Standard error of what is not known at all."""
 LOWEST, HIGHEST = -0.1, 1.3
@@ -55,6 +58,7 @@ class Believed:
         self._mixing = np.ascontiguousarray(aircraft.mixing, np.float64)
         self._back = np.ascontiguousarray(aircraft.effectors_from_surfaces)
         self._back2 = self._back**2
+        self._range = np.array(aircraft.high) - np.array(aircraft.low)
         self._mode = settings.model if aircraft.prior is not None else "entry"
         if settings.law == "lq" and self._mode == "surface":
             self._mode = (
@@ -190,6 +194,20 @@ class Believed:
             return []
         known = (np.abs(self.b) > self._settings.knowledge * np.sqrt(self.variance)).any(axis=1)
         return [name for name, one in zip(("roll", "pitch", "yaw"), known, strict=True) if not one]
+
+    def pitching_power_left(self, stuck: Flags) -> float:
+        """Return the share of the prior's pitching power that surfaces which follow still have, over their ranges.
+
+        Parameters
+        ----------
+        stuck
+            (s,) those that do not follow.
+        """
+        if not self.has_prior:
+            return 1.0
+        whole = float((np.abs(self.b0_surfaces[PITCH]) * self._range).sum())
+        left = float((np.abs(self.b[PITCH]) * self._range)[~stuck].sum())
+        return min(max(left, LEAST_LEFT * whole) / whole, 1.0) if whole > 0.0 else 1.0
 
     def judge(self, time: float, response: Array, moved: Array, period: float) -> bool:
         """Hold the believed and the prior's B against a measured response; drop the believed where it is far worse.

@@ -145,7 +145,8 @@ class Controller:
         motion = motion_of(x, self._filters.velocity_rates)
         if command.usable:
             self._reference.update(command.roll_rate, period)
-        wanted = wanted_acceleration(self.settings, motion, command, self._reference)
+        power_left = self.believed.pitching_power_left(stuck)
+        wanted = wanted_acceleration(self.settings, motion, command, self._reference, power_left)
         choice = self._choose(time, command, xdot is not None, motion)
         surfaces = self._fly(choice.law, time, motion, command, wanted, measured, period)
         output, fade = self._hand_over(choice.law, surfaces, command, period)
@@ -297,7 +298,7 @@ class Controller:
         if choice.law in (INDI, LQ) and time - self._margins_at >= MARGINS_EVERY - 1e-9:
             self._margins_at = time
             if indi:
-                self._margins = indi_margins(self.believed, motion, self.settings, self.aircraft, period)
+                self._margins = indi_margins(self.believed, motion, self.settings, self.aircraft, period, stuck)
             else:
                 self._margins = lq_margins(self._lq, self.aircraft, period)
         effect, std = self.believed.effectiveness

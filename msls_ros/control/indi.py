@@ -3,12 +3,17 @@
 The angular acceleration that the pilot's command asks for, nu, less the one that is measured is given by a change of
 the surfaces, with all that the model does not know already in the measurement::
 
-    psdot* = k_roll (ps_ref - ps) + ps_ref'                  ps about the velocity vector; ps_ref lags the command
-    Qdot*  = k_pitch (k_alpha (alpha* - alpha) - alpha')     or k_pitch (Q* - Q)
-    rsdot* = k_yaw (beta' + k_beta (beta - beta*))           nu = roll, pitch, yaw parts, turned by alpha
+    psdot* = k_roll (ps_ref - ps) + ps_ref'                       ps about the velocity vector; ps_ref lags the command
+    Qdot*  = k_pitch (k_alpha (alpha* - alpha) - alpha') - g_a    or k_pitch (Q* - Q)
+    rsdot* = k_yaw (beta' + k_beta (beta - beta*)) + g_b          nu = roll, pitch, yaw parts, turned by alpha
 
     minimise over the surfaces s within their limits
       |W (B (s - s_f) - (nu - w'_f))|^2  +  g |s - s_trim|^2  +  c sum_k (sum_i W_i^2 sigma_ik^2) (s_k - s_f,k)^2
+
+g_a and g_b are what the turn of gravity in the body axes adds to the second derivatives of alpha and beta: known from
+attitude and rates alone, so it need not show as an error first. Where surfaces are lost or stuck, k_pitch and k_alpha
+fall (`pitch_gains`): what is left has to do for longer, and with latency a law that asks for the same at once drives it
+past where its effect ends.
 
 s_f and w'_f are positions and accelerations behind one filter. B with its standard errors sigma is what is believed
 (`believed`): the last term, caution, moves what is not known less. A stuck surface is where it is measured.
@@ -62,14 +67,35 @@ class Reference:
         self.rate += change
 
 
-def wanted_acceleration(c: ControlSettings, motion: Motion, command: PilotCommand, reference: Reference) -> Array:
+def pitch_gains(c: ControlSettings, power_left: float) -> tuple[float, float]:
+    """Return the gains of pitch and of angle of attack [1/s].
+
+    Parameters
+    ----------
+    c
+        The power law, and the gains with all surfaces.
+    power_left
+        See `Believed.pitching_power_left`.
+
+    Notes
+    -----
+    Natural frequency and damping are sqrt(k_pitch k_alpha) and sqrt(k_pitch / k_alpha) / 2: the damping stays.
+    """
+    factor: float = power_left**c.pitch_gain_power
+    return factor * c.pitch_gain, factor * c.alpha_gain
+
+
+def wanted_acceleration(
+    c: ControlSettings, motion: Motion, command: PilotCommand, reference: Reference, power_left: float
+) -> Array:
     """Return nu (3,): angular accelerations about the body axes that the command asks for [rad/s^2]."""
+    pitch_gain, alpha_gain = pitch_gains(c, power_left)
     roll = c.roll_gain * (reference.rate - motion.roll_rate) + reference.acceleration
     if math.isnan(command.alpha):
-        pitch = c.pitch_gain * (command.pitch_rate - motion.pitch_rate)
+        pitch = pitch_gain * (command.pitch_rate - motion.pitch_rate)
     else:
-        pitch = c.pitch_gain * (c.alpha_gain * (command.alpha - motion.alpha) - motion.alpha_rate)
-    yaw = c.yaw_gain * (motion.beta_rate + c.beta_gain * (motion.beta - command.beta))
+        pitch = pitch_gain * (alpha_gain * (command.alpha - motion.alpha) - motion.alpha_rate) - motion.alpha_turn
+    yaw = c.yaw_gain * (motion.beta_rate + c.beta_gain * (motion.beta - command.beta)) + motion.beta_turn
     ca, sa = math.cos(motion.alpha), math.sin(motion.alpha)
     return np.array([roll * ca - yaw * sa, pitch, roll * sa + yaw * ca])
 

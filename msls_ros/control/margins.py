@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from msls_ros.control.aircraft import ControlledAircraft
 from msls_ros.control.believed import Believed
-from msls_ros.control.linear import Array
+from msls_ros.control.indi import pitch_gains
+from msls_ros.control.linear import Array, Flags
 from msls_ros.control.lq_servo import MOTION, LqServo, _incidence
 from msls_ros.control.motion import Motion
 from msls_ros.control.settings import ControlSettings
@@ -66,9 +67,15 @@ def opened(ratio: Complex) -> Complex:
 
 
 def indi_margins(
-    believed: Believed, motion: Motion, settings: ControlSettings, aircraft: ControlledAircraft, period: float
+    believed: Believed,
+    motion: Motion,
+    settings: ControlSettings,
+    aircraft: ControlledAircraft,
+    period: float,
+    stuck: Flags,
 ) -> Margins:
     """Return the margins of the inversion in roll, pitch and yaw: unconstrained, with actuators and sample delay."""
+    gains = pitch_gains(settings, believed.pitching_power_left(stuck))
     s = 1j * FREQUENCIES[:, None, None]
     turn = _incidence(motion)
     a5 = turn @ believed.a[:6, :6] @ np.linalg.pinv(turn)
@@ -86,7 +93,7 @@ def indi_margins(
     rates = x[:, [3, 1, 4], :]
     inner = np.eye(len(cost)) - actuator * low_pass * (kept - inverse @ (s * rates))
     answer = np.linalg.solve(inner, actuator * inverse)
-    return smallest_margins(opened(_outer(s, motion, settings) @ x @ answer), FREQUENCIES)
+    return smallest_margins(opened(_outer(s, motion, settings, gains) @ x @ answer), FREQUENCIES)
 
 
 def _actuator(s: Complex, aircraft: ControlledAircraft, period: float) -> Complex:
@@ -96,14 +103,14 @@ def _actuator(s: Complex, aircraft: ControlledAircraft, period: float) -> Comple
     return found
 
 
-def _outer(s: Complex, motion: Motion, c: ControlSettings) -> Complex:
+def _outer(s: Complex, motion: Motion, c: ControlSettings, pitch: tuple[float, float]) -> Complex:
     """Return the feedback (f, 3, 5) of alpha Q beta P R to roll, pitch and yaw acceleration."""
     ca, sa = math.cos(motion.alpha), math.sin(motion.alpha)
     s = s[:, 0, 0]
     found: Any = np.zeros((len(s), 3, MOTION), np.complex128)
     found[:, 0, 3], found[:, 0, 4] = c.roll_gain * ca * ca, c.roll_gain * ca * sa
     found[:, 2, 3], found[:, 2, 4] = c.roll_gain * ca * sa, c.roll_gain * sa * sa
-    found[:, 1, 0] = c.pitch_gain * (s + c.alpha_gain)
+    found[:, 1, 0] = pitch[0] * (s + pitch[1])
     yaw = c.yaw_gain * (s + c.beta_gain)
     found[:, 0, 2], found[:, 2, 2] = sa * yaw, -ca * yaw
     return found  # type: ignore[no-any-return]

@@ -11,6 +11,8 @@ from msls_ros.control.linear import Array
 
 LEAST_SPEED = 1.0
 """[m/s]"""
+GRAVITY = 9.80665
+"""[m/s^2]"""
 
 
 class Motion(NamedTuple):
@@ -28,6 +30,9 @@ class Motion(NamedTuple):
     """About the velocity vector [rad/s]."""
     pitch_rate: float
     """[rad/s]"""
+    alpha_turn: float = 0.0
+    beta_turn: float = 0.0
+    """What the turn of gravity in the body axes adds to the second derivatives of alpha and beta [rad/s^2]."""
 
 
 def motion_of(x: Array, velocity_rates: Array) -> Motion:
@@ -48,8 +53,13 @@ def motion_of(x: Array, velocity_rates: Array) -> Motion:
     speed_rate = (u * du + v * dv + w * dw) / speed
     alpha_rate = (u * dw - w * du) / plane2
     beta_rate = (dv * speed - v * speed_rate) / (speed * math.sqrt(plane2))
-    roll = p * math.cos(alpha) + r * math.sin(alpha)
-    return Motion(speed, alpha, beta, alpha_rate, beta_rate, roll, q)
+    ca, sa = math.cos(alpha), math.sin(alpha)
+    roll, phi, theta = p * ca + r * sa, float(x[6]), float(x[7])
+    across = GRAVITY * math.cos(theta)
+    gx, gy, gz = -GRAVITY * math.sin(theta), across * math.sin(phi), across * math.cos(phi)
+    alpha_turn = ((q - alpha_rate) * (gx * ca + gz * sa) - roll * gy) / speed
+    beta_turn = (p * gz - r * gx) / speed
+    return Motion(speed, alpha, beta, alpha_rate, beta_rate, roll, q, alpha_turn, beta_turn)
 
 
 class Filters:

@@ -45,6 +45,13 @@ class ControlSettings:
     roll_lag: float = parameter(0.5, "lag of the roll rate's reference", unit="s", low=0.0, high=5.0)
     alpha_gain: float = parameter(1.0, "rate of angle of attack per its error", unit="1/s", low=0.05, high=10.0)
     pitch_gain: float = parameter(2.5, "pitch acceleration per error of that rate", unit="1/s", low=0.1, high=20.0)
+    pitch_gain_power: float = parameter(
+        0.2,
+        "alpha_gain and pitch_gain are multiplied with the share of the pitching power of all surfaces that is left, "
+        "to this power",
+        low=0.0,
+        high=1.0,
+    )
     beta_gain: float = parameter(0.8, "rate of sideslip per its error", unit="1/s", low=0.0, high=10.0)
     yaw_gain: float = parameter(2.5, "yaw acceleration per error of that rate", unit="1/s", low=0.1, high=20.0)
     weights: tuple[float, ...] = parameter(

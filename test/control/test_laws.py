@@ -12,6 +12,7 @@ from msls_ros.control import ControlError, ControlSettings, ModelEstimate
 from msls_ros.control.actuators import StuckMonitor
 from msls_ros.control.aircraft import Prior
 from msls_ros.control.believed import Believed
+from msls_ros.control.indi import pitch_gains
 from msls_ros.control.linear import Array
 from msls_ros.control.margins import smallest_margins
 from msls_ros.control.riccati import riccati
@@ -57,6 +58,19 @@ def test_a_stranger_s_model_is_dropped_when_the_response_disproves_it() -> None:
     assert dropped == 1
     assert np.allclose(believed.effectiveness[0], 1.0)
     assert not believed.take(1.1, estimate(1.1, 0.0 * B, 1e-3))
+
+
+def test_the_pitch_gains_fall_with_the_pitching_power_that_is_left_and_the_damping_stays() -> None:
+    settings, none = ControlSettings(), np.zeros(4, np.bool_)
+    believed = Believed(aircraft(), settings)
+    assert believed.pitching_power_left(none) == 1.0
+    left = believed.pitching_power_left(np.array([False, True, False, False]))
+    assert left == pytest.approx(0.6 / 3.1)  # of the surfaces that pitch, -2.5 and -0.6 rad/s^2 per rad
+    pitch, alpha = pitch_gains(settings, left)
+    assert pitch / alpha == pytest.approx(settings.pitch_gain / settings.alpha_gain)
+    assert pitch == pytest.approx(settings.pitch_gain * left**settings.pitch_gain_power)
+    assert pitch < settings.pitch_gain
+    assert Believed(aircraft(prior=False), settings).pitching_power_left(none) == 1.0
 
 
 def fly_actuators(lag: int, stuck: int | None, hard_over: float | None = None) -> list[str]:
