@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from flights.memory_bank import DELAYED, ONE_STEP, MemoryBank
 
 from msls_ros.estimation.msls import MSLS, RLS
 from msls_ros.flights.closed_loop import fly
@@ -18,28 +19,24 @@ ROWS = ("v", "w", "P", "Q", "R")
 COLUMNS = ("v", "w", "P", "Q", "R", "de", "da", "dr", "1")
 SEGMENTS = {"w": (20, 44), "Q": (20, 44), "P": (45, 75), "v": (137, 165), "R": (137, 165)}
 """From the input to the end of the free response after it [s], by the equation that it shows."""
-KEY = (("Q", "w"), ("Q", "de"), ("P", "da"), ("R", "v"), ("R", "dr"))
-"""Derivatives that are scored: those of control and of static stability."""
-SEEDS = (0, 1, 2, 3)
-PUBLISHED_R2 = {
-    ("A4", "MSLS .98"): 0.91,
-    ("A4", "MSLS .99"): 0.98,
-    ("A4", "RLS .99"): 0.98,
-    ("c172x", "MSLS .98"): 0.93,
-    ("c172x", "MSLS .99"): 0.97,
-    ("c172x", "RLS .99"): 0.96,
+KEY = {"w": ("w", "Q"), "Q": ("w", "Q", "de"), "P": ("v", "P", "da"), "v": ("R",), "R": ("v", "R", "dr")}
+"""Derivatives that are scored, by equation: of incidence, of the own rate, of the own control."""
+SEEDS, BANK_SEEDS = tuple(range(8)), tuple(range(4))
+PUBLISHED = {
+    ("A4", "MSLS .98"): (0.031, 0.91),
+    ("A4", "MSLS .99"): (0.014, 0.98),
+    ("A4", "MSLS .9"): (0.30, -0.44),
+    ("A4", "RLS .99"): (0.009, 0.98),
+    ("A4", "one-step bank"): (0.92, -0.25),
+    ("A4", "delayed bank"): (0.008, 0.98),
+    ("c172x", "MSLS .98"): (0.107, 0.93),
+    ("c172x", "MSLS .99"): (0.065, 0.97),
+    ("c172x", "MSLS .9"): (0.47, -0.32),
+    ("c172x", "RLS .99"): (0.034, 0.96),
+    ("c172x", "one-step bank"): (0.78, -1.7),
+    ("c172x", "delayed bank"): (0.070, -1.0),
 }
-REFERENCE = {
-    ("A4", "MSLS .98"): 0.026,
-    ("A4", "MSLS .99"): 0.014,
-    ("A4", "MSLS .9"): 0.390,
-    ("A4", "RLS .99"): 0.022,
-    ("c172x", "MSLS .98"): 0.082,
-    ("c172x", "MSLS .99"): 0.140,
-    ("c172x", "MSLS .9"): 0.319,
-    ("c172x", "RLS .99"): 0.048,
-}
-"""Median errors on the recipe's own flights, by the same score: medians over six seeds of the sensors."""
+"""Median error and worst R2 of the recipe. Its prototype, flown again, gives the errors to the digit by this score."""
 
 
 @dataclass(frozen=True)
@@ -72,8 +69,12 @@ def flown(name: str, seed: int) -> Flown:
     return Flown(np.array(log.time)[late], phi[late], y[late])
 
 
-def estimators() -> dict[str, Any]:
-    return {
+def estimators(*, banks: bool) -> dict[str, Any]:
+    memory_banks = {
+        "one-step bank": MemoryBank(ONE_STEP, len(ROWS), len(COLUMNS)),
+        "delayed bank": MemoryBank(DELAYED, len(ROWS), len(COLUMNS)),
+    }
+    return (memory_banks if banks else {}) | {
         "MSLS .98": MSLS(9, 5, 0.98, 0.01),
         "MSLS .99": MSLS(9, 5, 0.99, 0.003),
         "MSLS .9": MSLS(9, 5, 0.9, 0.001),
@@ -92,10 +93,14 @@ def knowledge(flight: Flown, estimator: Any) -> dict[str, np.ndarray]:
 
 
 def median_error(flight: Flown, theta: dict[str, np.ndarray]) -> float:
-    """Median error of the key derivatives relative to the batch estimate of the same flight."""
-    batch = np.linalg.lstsq(flight.phi, flight.y, rcond=None)[0].T
-    places = [(row, COLUMNS.index(column)) for row, column in KEY]
-    return float(np.median([abs(theta[row][i] / batch[ROWS.index(row), i] - 1.0) for row, i in places]))
+    """Median error of the key derivatives relative to the batch estimate of the segment that shows each equation."""
+    errors: list[float] = []
+    for row, columns in KEY.items():
+        start, end = SEGMENTS[row]
+        m = (flight.time >= start) & (flight.time < end)
+        batch = np.linalg.lstsq(flight.phi[m], flight.y[m, ROWS.index(row)], rcond=None)[0]
+        errors += [abs(theta[row][i] / batch[i] - 1.0) for i in map(COLUMNS.index, columns)]
+    return float(np.median(errors))
 
 
 def worst_r2(repeat: Flown, theta: dict[str, np.ndarray]) -> float:
@@ -115,7 +120,7 @@ def scores(aircraft: str, suffix: str = "") -> dict[str, tuple[float, float]]:
     rows: dict[str, list[tuple[float, float]]] = {}
     for seed in SEEDS if not suffix else SEEDS[:1]:
         flight = flown(f"flight_test_{aircraft}{suffix}", seed)
-        for name, estimator in estimators().items():
+        for name, estimator in estimators(banks=not suffix and seed in BANK_SEEDS).items():
             theta = knowledge(flight, estimator)
             rows.setdefault(name, []).append((median_error(flight, theta), worst_r2(repeat, theta)))
     return {
@@ -127,16 +132,17 @@ def scores(aircraft: str, suffix: str = "") -> dict[str, tuple[float, float]]:
 @pytest.mark.parametrize("aircraft", ["A4", "c172x"])
 def test_the_errors_are_those_of_the_recipe_within_a_factor_of_one_and_a_half(aircraft: str) -> None:
     for name, (error, _) in scores(aircraft).items():
-        assert 1 / 1.5 < error / REFERENCE[aircraft, name] < 1.5, (name, error)
+        assert 1 / 1.5 < error / PUBLISHED[aircraft, name][0] < 1.5, (name, error)
 
 
 @pytest.mark.parametrize("aircraft", ["A4", "c172x"])
 def test_the_repeat_is_predicted_as_published(aircraft: str) -> None:
     found = scores(aircraft)
-    for (name, estimator), published in PUBLISHED_R2.items():
-        if name == aircraft:
+    for (name, estimator), (_, published) in PUBLISHED.items():
+        if name == aircraft and published > 0.0:
             assert found[estimator][1] == pytest.approx(published, abs=0.03), estimator
-    assert found["MSLS .9"][1] < 0.6, "a short memory has lost what the input taught it"
+        elif name == aircraft:
+            assert found[estimator][1] < 0.6, (estimator, "has lost what the input taught it")
 
 
 @pytest.mark.parametrize("suffix", ["_gusts", "_dither"])
