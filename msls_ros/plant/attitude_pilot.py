@@ -70,8 +70,10 @@ class AttitudePilot:
         state = checked_state(time, x)
         u, v, w, p, q, r, phi, theta, _ = state.tolist()
         k = self._gains
-        self._follow_stick(time)
-        rolling = self._manoeuvre.active(time)
+        test = self._manoeuvre if isinstance(self._manoeuvre, FlightTest) else None
+        stick = (0.0, 0.0, 0.0) if test is None else test.stick(time)
+        self._follow_stick(time, np.array(stick))
+        rolling = self._manoeuvre.active(time) if test is None else stick[ROLL] != 0.0
         turn = _GRAVITY / max(math.sqrt(u * u + v * v + w * w), 1.0) * math.sin(phi)
         hold = k.phi * (k.roll_release if rolling else 1.0)
         rate = p - self._manoeuvre.roll_rate(time)
@@ -79,12 +81,11 @@ class AttitudePilot:
         delta[self._axes[PITCH]] += self._input[PITCH] + k.theta * (theta - self._theta) + k.q * q
         delta[self._axes[ROLL]] += self._input[ROLL] - hold * (phi - self._phi) - k.p * rate
         delta[self._axes[YAW]] += self._input[YAW] + k.r * (r - turn)
-        if isinstance(self._manoeuvre, FlightTest):
-            delta += self._manoeuvre.injected(time)
+        if test is not None and test.injects:
+            delta += test.injected(time)
         return delta
 
-    def _follow_stick(self, time: float) -> None:
-        wanted = np.array(self._manoeuvre.stick(time)) if isinstance(self._manoeuvre, FlightTest) else np.zeros(3)
+    def _follow_stick(self, time: float, wanted: Array) -> None:
         if self._time is None or time < self._time or self._gains.lag <= 0.0:
             self._input = wanted if self._gains.lag <= 0.0 else np.zeros(3)
         else:

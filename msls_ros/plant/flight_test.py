@@ -166,6 +166,11 @@ class FlightTest:
             result[axis] = self.scale * segment.size * shape * self.airframe.amplitudes[axis]
         return result[0], result[1], result[2]
 
+    @property
+    def injects(self) -> bool:
+        """Whether a computer adds to the effectors in any segment."""
+        return any(segment.kind == "multisine" for segment in self.segments)
+
     def injected(self, time: float) -> Array:
         """Return what a computer adds to the effectors (m,) [rad] at a time [s]: the multisines."""
         segment, since = self._at(time)
