@@ -139,7 +139,7 @@ class Controller:
         period = self._begin(time, xdot is not None)
         measured = self._mixing @ delta
         stuck = self._monitor.update(measured, self._command + self._mixing @ self._dither, period)
-        self._dither = np.zeros(len(delta)) if dither is None or not np.isfinite(dither).all() else np.asarray(dither)
+        self.added(dither)
         self._filters.update(x, xdot, measured, period)
         self._learn(time, estimate, period)
         motion = motion_of(x, self._filters.velocity_rates)
@@ -151,6 +151,11 @@ class Controller:
         surfaces = self._fly(choice.law, time, motion, command, wanted, measured, period)
         output, fade = self._hand_over(choice.law, surfaces, command, period)
         return output, self._tell(time, choice, motion, wanted, fade, period, stuck.copy())
+
+    def added(self, dither: Array | None) -> None:
+        """Say, before the next sample, which dither (m,) was added to the last answer [rad]: when it came later."""
+        good = dither is not None and np.isfinite(dither).all()
+        self._dither = np.asarray(dither) if good else np.zeros(len(self._output))
 
     def hold(self, time: float, reason: str) -> tuple[Array, Status]:
         """Return the last trim, for when no samples come.

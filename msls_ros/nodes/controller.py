@@ -30,7 +30,7 @@ from msls_ros.control import ControlError, Controller, ModelEstimate, Status
 from msls_ros.control.warm_up import warm_up
 from msls_ros.inputs import Refused
 from msls_ros.nodes.bonding import Bond
-from msls_ros.nodes.control_inputs import NO_COMMAND, PARTS, Collected, ControlInputs
+from msls_ros.nodes.control_inputs import KEPT, NO_COMMAND, PARTS, Collected, ControlInputs
 from msls_ros.nodes.control_parameters import IN_FLIGHT, PARAMETERS, aircraft_of, settings_of
 from msls_ros.nodes.parameters import NodeError, checked, declare_table, plain, warn_of_unknown
 from msls_ros.nodes.quality import depth_of, listen, publish, reliable
@@ -99,7 +99,8 @@ class ControllerNode(LifecycleNode):
         wait_for = PARTS if self._p["lockstep"] else PARTS[:2]
         self._inputs = ControlInputs(self._aircraft.effectors, wait_for)
         self._alarm, self._model, self._command = False, None, NO_COMMAND
-        self._dither: NDArray[np.float64] | None = None
+        self._dithers: dict[int, NDArray[np.float64]] = {}
+        self._answered_stamp = -1
         self._command_at = self._arrived = 0
         self._status: Status | None = None
         self._held = True
@@ -165,7 +166,9 @@ class ControllerNode(LifecycleNode):
             elif topic == "model":
                 self._model = message
             elif topic == "dither":
-                self._dither = self._inputs._read_dither(message)
+                self._dithers[messages.stamp_of(message)] = self._inputs._read_dither(message)
+                if len(self._dithers) > KEPT:
+                    del self._dithers[min(self._dithers)]
         except Refused as refused:
             self._refusals.take(refused)
             return
@@ -183,13 +186,17 @@ class ControllerNode(LifecycleNode):
             command = self._command if fresh else NO_COMMAND
         try:
             model = self._newest_model(seconds)
-            if not self._p["lockstep"]:
-                dither = self._dither
+            if not self._p[
+                "lockstep"
+            ]:  # this sample's dither may have come or not: that of the last one is sure to have
+                self._controller.added(self._dithers.get(self._answered_stamp))
+                dither = None
             delta, status = self._controller.update(seconds, found.x, found.xdot, found.delta, command, model, dither)
         except (ControlError, Refused) as problem:
             self._refusals.take(problem if isinstance(problem, Refused) else Refused("field", str(problem)))
             return
         self._publish(found.stamp, delta, status)
+        self._answered_stamp = found.stamp
         self._arrived, self._held = self._steady(), False
         self.answered += 1
         self.durations = [*self.durations[-999:], time.monotonic_ns() - start]

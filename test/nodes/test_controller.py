@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
-from msls_msgs.msg import ControlStatus, EffectorCommand
+from msls_msgs.msg import ControlStatus, DitherCommand, EffectorCommand
 from rclpy.parameter import Parameter
 
 from msls_ros import messages
@@ -64,7 +64,9 @@ class Hand:
             bench.listen(kind, topic)
         self.k = 0
 
-    def sample(self, x: Any = None, *, measured: bool = True, asked: bool = True) -> ControlStatus:
+    def sample(
+        self, x: Any = None, *, measured: bool = True, asked: bool = True, delta: Any = TRIM.delta
+    ) -> ControlStatus:
         """Feed a sample at trim, with what the pilot asks; return the status that answers it."""
         self.k += 1
         stamp, x = self.k * STEP, TRIM.x if x is None else x
@@ -74,7 +76,7 @@ class Hand:
             self.bench.spin_until(lambda: self.node._command_at > 0, "a pilot_command")
         xdot = np.zeros(9) if measured else np.zeros(0)
         self.bench.publish("state", messages.state_message(stamp, STATES, x, xdot))
-        self.bench.publish("effectors", messages.effector_message(stamp, EFFECTORS, TRIM.delta))
+        self.bench.publish("effectors", messages.effector_message(stamp, EFFECTORS, delta))
         said = self.bench.heard["control_status"]
         self.bench.spin_until(lambda: bool(said) and messages.stamp_of(said[-1]) == stamp, "a status")
         return said[-1]
@@ -97,6 +99,27 @@ def test_what_is_missing_is_done_without_and_said() -> None:
         assert np.degrees(np.abs(np.array(bench.heard["command"][-1].delta) - TRIM.delta)).max() < 1.0
         bench.spin_until(lambda: bench.heard["control_status"][-1].law == "hold", "the last trim")
         assert "no sample for" in bench.heard["control_status"][-1].reason
+
+
+def test_dithers_that_come_before_or_after_their_sample_leave_no_surface_stuck() -> None:
+    random = np.random.default_rng(6)
+    place, target, answer = TRIM.delta.copy(), TRIM.delta, -math.expm1(-20.0 * 0.02)
+    with Bench() as bench:
+        hand = Hand(bench)
+        for k in range(100):
+            early, dither = bool(random.integers(2)), np.radians(0.5) * random.standard_normal(len(EFFECTORS))
+            message = messages.effector_message((hand.k + 1) * STEP, EFFECTORS, dither)
+            sent = DitherCommand(header=message.header, effectors=message.effectors, delta=message.delta)
+            if early:
+                bench.publish("dither", sent)
+                bench.spin_until(lambda: (hand.k + 1) * STEP in hand.node._dithers, "the dither")
+            status = hand.sample(delta=place)
+            if not early:
+                bench.publish("dither", sent)
+                bench.spin_until(lambda: hand.k * STEP in hand.node._dithers, "the dither")
+            place = place + answer * (target - place)
+            target = np.array(bench.heard["command"][-1].delta) + dither  # answers reach the actuators a sample later
+            assert not any(status.stuck), k
 
 
 def test_the_law_changes_in_flight_and_nothing_else_does() -> None:
