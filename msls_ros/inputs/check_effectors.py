@@ -50,7 +50,8 @@ def check_effectors(record: Record) -> Iterator[Finding]:
         moving[name] = series
         if rms < _QUIET and size is None:
             what = f"moves by {np.degrees(rms):.2g} deg rms only: its column of B will hardly be known"
-            yield Finding(DOUBTFUL, "excitation", where, what, "fly doublets of a degree or more on it")
+            mend = "fly doublets of a degree or more on it; if it did move more, its scale is too small"
+            yield Finding(DOUBTFUL, "excitation", where, what, mend)
         yield from _saturation(where, values)
     yield from _collinear(moving)
 
@@ -131,15 +132,21 @@ def check_sizes(record: Record, reference_speed: float) -> Iterator[Finding]:
         elif leaf in ("Phi", "Theta") and float(np.quantile(np.abs(values), 0.99)) > 3.2:
             what = f"reaches {np.abs(values).max():.3g} rad: degrees taken as radians?"
             yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * series.stream.scale[0]:.6g}")
+        elif name in ("alpha", "beta"):
+            top = float(np.quantile(np.abs(values), 0.99))
+            if top > 1.6:
+                what = f"reaches {top:.3g} rad, {np.degrees(top):.0f} deg: degrees taken as radians?"
+                yield Finding(WRONG, "units", where, what, f"scale={np.pi / 180.0 * series.stream.scale[0]:.6g}")
         elif name == "specific_force":
             yield from _force(where, values)
         elif name in ("velocity", "airspeed", "states.u"):
             yield from _speed(where, values, reference_speed)
-    for axis in record.inputs.imu_position:
-        if abs(axis) > 50.0:
-            what = f"the accelerometer would be {abs(axis):g} m from the centre of mass"
-            yield Finding(WRONG, "units", "inputs.imu_position", what, "give it in metres")
-            return
+    places = {"the accelerometer": record.inputs.imu_position, "the vanes": record.inputs.vane_position}
+    for (name, place), entry in zip(places.items(), ("imu_position", "vane_position"), strict=True):
+        far = max(map(abs, place))
+        if far > 50.0:
+            what = f"{name} would be {far:g} m from the centre of mass"
+            yield Finding(WRONG, "units", f"inputs.{entry}", what, "give it in metres")
 
 
 def _force(where: str, values: Array) -> Iterator[Finding]:

@@ -11,12 +11,14 @@ from itertools import permutations, product
 
 import numpy as np
 
+from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
 from msls_ros.inputs.frames import BODY, EARTH
+from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading
 from msls_ros.inputs.series import Record, Series, on_grid
 
-LIMITS = {"rates": 0.35, "force": 0.6, "weight": 0.4, "heading": 0.4, "size": 0.35, "upright": 1.0}
+LIMITS = {"rates": 0.35, "force": 0.6, "axis": 1.2, "weight": 0.4, "heading": 0.4, "size": 0.35, "upright": 1.0}
 """Misfit above which an equation does not hold."""
 _MOST = 6000
 _STEP = 0.02
@@ -25,10 +27,15 @@ _LAG = 0.3
 _LATE = 0.025
 """Delay worth naming [s]."""
 _RAD = float(np.pi / 180.0)
+_SEEN, _MENDED = 0.03, 0.25
+"""A misfit of the forces that is looked at though it is within its limit, and the share that the mend of it leaves."""
+_OFF_NOSE = 5.0
+"""By which an aircraft flies off its nose in balanced flight [deg]."""
 _SPEEDS = {"knots": 0.514444, "km/h": 1.0 / 3.6, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 0.001}
 _WORDS = {
     "rates": "the attitude does not turn with the rates",
     "force": "the velocity does not change as the accelerometer says",
+    "axis": "along an axis of the aircraft the velocity does not change as the accelerometer says",
     "weight": "over the flight the accelerometer does not carry the weight",
     "heading": "the aircraft does not fly ahead",
     "upright": "the aircraft flies upside down",
@@ -46,20 +53,26 @@ def check_motion(record: Record) -> Iterator[Finding]:
     if not now:
         return
     bad = {name: value for name, value in now.items() if value > _limit(name)}
+    wind = list(_wind(motion, reading, now))
+    if not bad and not wind and now.get("force", 0.0) > _SEEN:
+        yield from _better(motion, reading, entries, now)
+    yield from wind
     if not bad:
         text = ", ".join(f"{name} {value:.2g}" for name, value in now.items())
         yield Finding(NOTE, "motion", "inputs", f"frames, signs and units agree with the motion (misfits: {text})")
         yield from _delays(motion, reading, entries, now)
         return
-    late = list(_delays(motion, reading, entries, now))
+    mends = mend(motion, reading, entries)
+    late = [f for f in _delays(motion, reading, entries, now) if not (mends and f.where.endswith(AIR_DATA))]
     if late and all(name.startswith("rates") or name == "force" for name in bad):
         yield from late
         if any(f.level == WRONG for f in late):
             return
     kinds = dict.fromkeys(name.split()[0] for name in bad)
+    if "force" in kinds:
+        kinds.pop("axis", None)
     what = "; ".join(_WORDS[kind] for kind in kinds)
     misfits = ", ".join(f"{name} {value:.2g}" for name, value in bad.items())
-    mends = mend(motion, reading, entries)
     where = mends[0][0] if mends else "inputs"
     change = ", or ".join(dict.fromkeys(f"{entry}: {words}" for entry, words in mends))
     level = WRONG
@@ -68,6 +81,44 @@ def check_motion(record: Record) -> Iterator[Finding]:
         turns = max((value for name, value in bad.items() if name.startswith("rates")), default=0.0)
         level = WRONG if turns > 1.0 or "weight" in bad else DOUBTFUL
     yield Finding(level, "motion", where, f"{what} (misfit {misfits}; 0 agrees, 2 unrelated, 4 opposite)", change)
+
+
+def _better(
+    motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
+) -> Iterator[Finding]:
+    """Yield a mistake in the small forces ahead and to the side, which the weight hides, where a change mends most."""
+    tried = _air(reading) if "airspeed" in entries else _forces(reading, entries["force"])
+    best, changed = now["force"], ("", "")
+    for other, entry, words in tried:
+        misfits = motion.misfits(other)
+        if misfits["force"] < best and all(misfits.get(name, 0.0) < value + 0.02 for name, value in now.items()):
+            best, changed = misfits["force"], (entry, words)
+    if best < _MENDED * now["force"]:
+        what = f"{_WORDS['axis']}: one change brings the misfit of the forces from {now['force']:.2g} to {best:.2g}"
+        yield Finding(WRONG, "motion", changed[0], what, ": ".join(changed))
+
+
+def _wind(motion: Motion, reading: Reading, now: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield that less the wind the aircraft flies off its nose, where another reading of the wind keeps it on it."""
+    if motion.wind is None or "heading" not in now:
+        return
+    readings = {
+        "scale=-1: it is where the wind comes from": reading.but(wind_scale=-1.0),
+        "north and east are exchanged": reading.but(wind_axes=(1, 0, 2)),
+        **{f"scale={s:.6g}: it is in {unit}": reading.but(wind_scale=s) for unit, s in _SPEEDS.items()},
+    }
+    tried = {words: motion.misfits(other)["heading"] for words, other in readings.items()}
+    change = min(tried, key=lambda words: tried[words])
+    without = motion.misfits(reading.but(wind_scale=0.0))["heading"]
+    off, on = (float(np.degrees(np.arccos(max(-1.0, 1.0 - h)))) for h in (now["heading"], min(tried[change], without)))
+    if off * off < 2.0 * on * on + _OFF_NOSE**2:
+        return
+    what = f"less this wind the aircraft flies {off:.0f} deg off its nose, "
+    if tried[change] < 0.5 * without:
+        yield Finding(WRONG, "wind", "inputs.wind", f"{what}otherwise {on:.0f}", change)
+    else:
+        mend = "leave it out, or check its sign, unit and frame"
+        yield Finding(WRONG, "wind", "inputs.wind", f"{what}without it {on:.0f}", mend)
 
 
 def _limit(name: str) -> float:
@@ -85,6 +136,7 @@ def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | Non
     groups = {
         "quaternion": ("attitude",), "euler": ("states.Phi", "states.Theta", "states.Psi"),
         "rates": ("angular_velocity",), "velocity": ("velocity",), "force": ("specific_force",),
+        **{name: (name,) for name in AIR_DATA if "velocity" not in record.series},
     }  # fmt: skip
     parts = {"rates": ("states.P", "states.Q", "states.R"), "velocity": ("states.u", "states.v", "states.w")}
     chosen: dict[str, list[Series]] = {}
@@ -94,6 +146,9 @@ def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | Non
             if option and signal not in chosen and all(n in record.series for n in option):
                 chosen[signal] = [record.series[n] for n in option]
                 entries[signal] = "inputs." + (option[0] if len(option) == 1 else "states")
+    if len(chosen.keys() & set(AIR_DATA)) < len(AIR_DATA):
+        chosen = {signal: several for signal, several in chosen.items() if signal not in AIR_DATA}
+        entries = {signal: entry for signal, entry in entries.items() if signal not in AIR_DATA}
     if not {"quaternion", "euler"} & chosen.keys() or len(chosen) < 2:
         return None
     flat = {f"{signal}{i}": one for signal, several in chosen.items() for i, one in enumerate(several)}
@@ -117,7 +172,19 @@ def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | Non
             reading = reading.but(**{f"{signal}_frame": stream.body or "frd"})
         elif signal == "velocity":
             reading = reading.but(velocity_frame=stream.earth or stream.body or "frd")
-    return Motion(step, **joined), reading, entries
+    begin = max(int(one.stamps[0]) for one in flat.values())
+    wind = _wind_of(record, begin * 1e-9 + grid[0]) if "velocity" in record.series else None
+    return Motion(step, **joined, vane=record.inputs.vane_position, wind=wind), reading, entries
+
+
+def _wind_of(record: Record, time: Array) -> Array | None:
+    """Return the wind (k, 3) in NED at instants [s]; None: it is not mapped."""
+    series = record.series.get(WIND)
+    if series is None:
+        return None
+    parts = [np.interp(time, series.time, column) for column in series.values.T]
+    parts += [np.zeros(len(time))] * (3 - len(parts))
+    return np.stack([sign * parts[place] for place, sign in EARTH[series.stream.earth]], axis=1)
 
 
 def mend(motion: Motion, reading: Reading, entries: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -144,7 +211,7 @@ def _readings(reading: Reading, entries: Mapping[str, str]) -> Iterator[tuple[Re
     if "quaternion" in entries:
         yield from _attitudes(reading, entries["quaternion"])
     if "euler" in entries:
-        yield reading.but(attitude_scale=_RAD), "inputs.states.Phi, Theta, Psi", f"scale={_RAD:.8f}: they are degrees"
+        yield from _angles(reading)
     if "rates" in entries:
         yield from _rates(reading, entries["rates"])
     if "velocity" in entries:
@@ -160,9 +227,13 @@ def _readings(reading: Reading, entries: Mapping[str, str]) -> Iterator[tuple[Re
         for frame in BODY:
             if frame != reading.force_frame:
                 yield reading.but(force_frame=frame), entry, f"frame={frame}"
-        yield reading.but(force_scale=-1.0), entry, "scale=-1"
-        yield reading.but(force_scale=9.80665), entry, "scale=9.80665: it is in g"
+        yield reading.but(force_scale=(9.80665,) * 3), entry, "scale=9.80665: it is in g"
+        for factor in (2.0, 0.5, 0.01, 0.001):
+            yield reading.but(force_scale=(factor,) * 3), entry, f"{factor:g} times the scale"
+        yield from _forces(reading, entry)
         yield reading.but(weightless=True), entry, "leave it out, or map the raw one: gravity has been taken off it"
+    if "airspeed" in entries:
+        yield from _air(reading)
     for body, earth in product(BODY, EARTH):
         flown = reading.velocity_frame
         changed = reading.but(
@@ -170,6 +241,54 @@ def _readings(reading: Reading, entries: Mapping[str, str]) -> Iterator[tuple[Re
             velocity_frame=body if flown in BODY else earth,
         )  # fmt: skip
         yield changed, "inputs", f"frame={body} for body vectors, frame={body}/{earth} for the attitude"
+
+
+def _angles(reading: Reading) -> Iterator[tuple[Reading, str, str]]:
+    entry = "inputs.states.Phi, Theta, Psi"
+    yield reading.but(attitude_scale=(_RAD,) * 3), entry, f"scale={_RAD:.8f}: they are degrees"
+    for i, name in enumerate(("Phi", "Theta", "Psi")):
+        for factor, words in ((-1.0, "its sign is wrong"), (_RAD, f"scale={_RAD:.8f}: it is in degrees")):
+            scale = tuple(factor if j == i else 1.0 for j in range(3))
+            yield reading.but(attitude_scale=scale), f"inputs.states.{name}", words
+    for axes in permutations(range(3)):
+        if axes != (0, 1, 2):
+            names = ", ".join(("Phi", "Theta", "Psi")[a] for a in axes)
+            yield reading.but(attitude_axes=axes), entry, f"the angles are exchanged: they hold {names}"
+
+
+def _air(reading: Reading) -> Iterator[tuple[Reading, str, str]]:
+    """Yield mistakes in airspeed and the angles of the vanes."""
+    for unit, scale in _SPEEDS.items():
+        yield reading.but(air_scale=(scale, 1.0, 1.0)), "inputs.airspeed", f"scale={scale:.6g}: it is in {unit}"
+    degrees = f"scale={_RAD:.8f}: degrees"
+    for a, b in product((1.0, -1.0, _RAD, -_RAD), repeat=2):
+        named = [
+            f"{name}: {degrees if abs(s) == _RAD else ''}{', and ' if s == -_RAD else ''}"
+            f"{'the sign is wrong: scale=-1' if s < 0.0 else ''}"
+            for name, s in (("alpha", a), ("beta", b))
+            if s != 1.0
+        ]
+        if named:
+            yield reading.but(air_scale=(1.0, a, b)), "inputs", "; ".join(named)
+    yield reading.but(air_axes=(0, 2, 1)), "inputs.alpha, beta", "the two are exchanged"
+    for factor, words in ((-1.0, "the sign: forward, right, down are positive"), (0.001, "in metres")):
+        yield reading.but(vane_scale=factor), "inputs.vane_position", words
+
+
+def _forces(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
+    """Yield exchanged axes and wrong signs of the accelerometer."""
+    yield reading.but(force_scale=(-1.0,) * 3), entry, "scale=-1"
+    for signs in product((1.0, -1.0), repeat=3):
+        if -1 < sum(signs) < 3.0:
+            yield reading.but(force_scale=signs), entry, "scale=" + ",".join(f"{s:g}" for s in signs)
+    for axes in permutations(range(3)):
+        if axes != (0, 1, 2):
+            yield reading.but(force_axes=axes), entry, _exchanged(axes)
+
+
+def _exchanged(axes: tuple[int, ...]) -> str:
+    order = ",".join("xyz"[a] for a in axes)
+    return f"three paths in the order {order}: the axes are exchanged"
 
 
 def _attitudes(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
@@ -194,27 +313,36 @@ def _rates(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
             yield reading.but(rates_scale=signs), entry, f"{several}: the sign of {turned} is wrong"
     for axes in permutations(range(3)):
         if axes != (0, 1, 2):
-            order = ",".join("xyz"[a] for a in axes)
-            yield reading.but(rates_axes=axes), entry, f"three paths in the order {order}: the axes are exchanged"
+            yield reading.but(rates_axes=axes), entry, _exchanged(axes)
 
 
 def _delays(
     motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
 ) -> Iterator[Finding]:
-    """Yield the streams that are late against the attitude."""
+    """Yield the streams that are late against the attitude; of those in one equation the one that mends it best."""
     most = int(_LAG / motion.step)
-    for signal, kind in (("rates", "rates"), ("force", "force"), ("velocity", "heading")):
-        if kind == "heading" or signal not in entries or not any(name.startswith(kind) for name in now):
+    tried: dict[str, list[tuple[str, ...]]] = {
+        "rates": [("rates",)], "force": [("force",), AIR_DATA, *((name,) for name in AIR_DATA)],
+    }  # fmt: skip
+    for kind, groups in tried.items():
+        names = [name for name in now if name.split()[0] in ((kind, "axis") if kind == "force" else (kind,))]
+        found: list[tuple[float, int, tuple[str, ...]]] = []
+        for group in groups if names else ():
+            if not set(group) <= entries.keys():
+                continue
+            scores = []
+            for steps in range(-most, most + 1):
+                misfits = motion.shifted(group, steps).misfits(reading)
+                scores.append(sum(misfits.get(name, 0.0) for name in names))
+            best, before = int(np.argmin(scores)), scores[most]
+            lag = (best - most) * motion.step
+            if best not in (0, 2 * most) and abs(lag) >= max(_LATE, 1.5 * motion.step) and scores[best] <= 0.6 * before:
+                found.append((scores[best], best - most, group))
+        if not found:
             continue
-        scores = []
-        for steps in range(-most, most + 1):
-            misfits = motion.shifted(signal, steps).misfits(reading)
-            scores.append(sum(value for name, value in misfits.items() if name.startswith(kind)))
-        best = int(np.argmin(scores))
-        lag, before = (best - most) * motion.step, scores[most]
-        if best in (0, 2 * most) or abs(lag) < max(_LATE, 1.5 * motion.step) or scores[best] > 0.6 * before:
-            continue
-        level = WRONG if scores[best] < 0.3 * before and before > _limit(kind) else DOUBTFUL
-        word = "later" if lag > 0.0 else "earlier"
-        what = f"comes {1e3 * abs(lag):.0f} ms {word} than the attitude shows it"
-        yield Finding(level, "delay", entries[signal], what, f"delay larger by {lag:+.3f} s in this line")
+        after, steps, group = min(found)
+        level = WRONG if after < 0.3 * before and before > _limit(kind) else DOUBTFUL
+        word = "later" if steps > 0 else "earlier"
+        what = f"comes {1e3 * abs(steps) * motion.step:.0f} ms {word} than the attitude shows it"
+        where = entries[group[0]] if len(group) == 1 else "inputs." + ", ".join(group)
+        yield Finding(level, "delay", where, what, f"delay larger by {steps * motion.step:+.3f} s in this line")

@@ -23,6 +23,14 @@ _WORTH = 0.02
 _MOST = 20000
 _GAIN = 0.08
 """Share of the residual that the delay must explain."""
+_MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2, "rudder": 2}
+"""Axis that a surface of this name turns the aircraft about: roll, pitch, yaw."""
+_OTHER = 6.0
+"""It turns it about another so many times as much, for the names to be exchanged."""
+_MOST_POWER = 1000.0
+"""Angular acceleration per deflection beyond that of any aircraft [rad/s^2 per rad]."""
+_UNRELATED, _TURNS = 1.4, 0.1
+"""Misfit from which a derivative is none of its rate's, where that changes by so much over 0.4 s [rad/s^2, rms]."""
 _FACTORS = {"-1": -1.0, "0.0174533": np.pi / 180.0, "57.2958": 180.0 / np.pi, "9.80665": 9.80665, "0.101972": 0.101972}
 
 
@@ -48,6 +56,9 @@ def check_response(record: Record) -> Iterator[Finding]:
     gain = 1.0 - scores[best] / scores[none] if scores[none] > 0.0 else 0.0
     lag = float(lags[best])
     where = "inputs.effectors"
+    if turn.shape[1] == 3 and scores[best] < 0.5:
+        signs = np.array(BODY[chosen[rates[0]].stream.body or "frd"]) if len(rates) == 1 else np.ones(3)
+        yield from _names(list(surfaces), *_effects(turn * signs, delta, step, round(lag / step)), delta.std(axis=0))
     if scores[best] > 0.9:
         yield Finding(NOTE, "response", where, "the surfaces explain less than a tenth of the angular accelerations")
     elif gain < _GAIN or abs(lag) < max(_WORTH, step):
@@ -79,6 +90,38 @@ def _residuals(turn: Array, delta: Array, step: float) -> tuple[Array, Array]:
     return np.array(lags), np.array(scores)
 
 
+def _effects(turn: Array, delta: Array, step: float, steps: int) -> tuple[Array, Array]:
+    """Return what each surface turns the aircraft by, rms (m, 3) [rad/s^2], and the rms of what is left (3,)."""
+    width, most = max(2, round(_WINDOW / step)), max(1, round(_LATEST / step))
+    slope = (turn[width:] - turn[:-width]) / (width * step)
+    states, held = windowed(turn, width), windowed(delta, width)
+    own = held[most - steps : len(held) - most - steps]
+    x = np.column_stack([own, states[most : len(slope) - most], np.ones(len(own))])
+    y = slope[most : len(slope) - most]
+    weights, *_ = np.linalg.lstsq(x, y, rcond=None)
+    return np.abs(weights[: own.shape[1]]) * own.std(axis=0)[:, None], np.asarray((y - x @ weights).std(axis=0))
+
+
+def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Iterator[Finding]:
+    """Yield surfaces that turn the aircraft about another axis than one of their name does, or more than any can."""
+    for name, effect, rms in zip(names, effects, moved, strict=True):
+        power = float(effect.max() / rms)
+        if power > _MOST_POWER and effect.max() > 2.0 * left[int(np.argmax(effect))]:
+            what = f"would turn the aircraft by {power:.0f} rad/s^2 per rad: it moves further than the map says"
+            mend = "a larger scale: 57.3 times, where radians were taken for degrees"
+            yield Finding(WRONG, "units", f"inputs.effectors.{name}", what, mend)
+        meant = _MEANT.get(name.lower())
+        if meant is None:
+            continue
+        most = int(np.argmax(effect))
+        about = {0: "roll", 1: "pitch", 2: "yaw"}
+        rivals = {1} if meant != 1 else {0, 2}  # ailerons yaw, and rudders roll, the aircraft as well
+        if most in rivals and effect[most] > _OTHER * effect[meant] and effect[most] > 2.0 * left[most]:
+            what = f"turns the aircraft in {about[most]}, hardly in {about[meant]}: the channel of another surface?"
+            mend = f"map the one that drives {name}; where this is it, give it another name"
+            yield Finding(WRONG, "names", f"inputs.effectors.{name}", what, mend)
+
+
 def check_derivatives(record: Record) -> Iterator[Finding]:
     """Yield measured derivatives that are not those of their states, with the factor that makes them so."""
     pairs = [
@@ -100,13 +143,16 @@ def _check_derivative(record: Record, derivative: str, state: str) -> Iterator[F
     if grid is None:
         return
     step = float(grid[0][1])
-    width = max(1, round(0.1 / step))
     signs = [np.array(BODY[pair[n].stream.body or "frd"]) if pair[n].values.shape[1] == 3 else np.ones(1) for n in pair]
     given, values = (grid[1][n] * s for n, s in zip((derivative, state), signs, strict=True))
-    slope = (values[width:] - values[:-width]) / (width * step)
-    measured = windowed(given, width)
-    slope, measured = slope - slope.mean(axis=0), measured - measured.mean(axis=0)
-    now = misfit(slope, measured)
+    sides = []
+    for window in (0.1, 0.4):
+        width = max(1, round(window / step))
+        slope = (values[width:] - values[:-width]) / (width * step)
+        measured = windowed(given, width)
+        sides.append((slope - slope.mean(axis=0), measured - measured.mean(axis=0)))
+    now, long = (misfit(*side) for side in sides)
+    slope, measured = sides[0]
     if now < 0.8 or slope.std() < 1e-6:
         return
     where, leaf = f"inputs.{derivative}", state.rpartition(".")[2]
@@ -118,4 +164,6 @@ def _check_derivative(record: Record, derivative: str, state: str) -> Iterator[F
     if slope.shape[1] == 3 and misfit(slope, measured * BODY["flu"]) < 0.4:
         yield Finding(WRONG, "derivative", where, what, "the other frame, flu or frd")
         return
-    yield Finding(DOUBTFUL, "derivative", where, what, "leave it out, so that the state is differentiated")
+    unrelated = leaf in (*"PQR", "angular_velocity") and float(sides[1][0].std()) > _TURNS
+    level = WRONG if unrelated and min(now, long) > _UNRELATED else DOUBTFUL
+    yield Finding(level, "derivative", where, what, "map what is; or leave it out, so that the state is differentiated")

@@ -6,10 +6,12 @@ differentiated twice; with R the matrix from forward-right-down to north-east-do
     turn(R(t), R(t+h)) / h = mean of omega                      rates
     (R v (t+h) - R v (t)) / h = mean of (R f) + g               force
     mean of (R f) over the whole flight = -g                    weight
-    R' v points ahead                                           heading
+    R' v, less the wind, points ahead                           heading
     the belly points down                                       upright
 
-"size" is the logarithm of the ratio of the two sides of "force", where they are the same but for it.
+"axis" is "force" along one axis of the aircraft, where the others hide it. "size" is the logarithm of the ratio of the
+two sides of "force", where they are the same but for it. Where true airspeed and the angles of vanes are mapped, v is
+that of the air, moved from the vanes to the centre of mass.
 
 The misfit of an equation is ``2 |a - b|^2 / (|a|^2 + |b|^2)``: 0 where both sides agree, 2 where they have nothing to
 do with each other, 4 where the sign is wrong.
@@ -17,7 +19,7 @@ do with each other, 4 where the sign is wrong.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,8 +37,14 @@ _TURNING = 0.02
 """Rates below this rms show nothing [rad/s]."""
 _MOVING = 0.4
 """Accelerations below this rms show nothing [m/s^2]."""
+_ALONG = 0.6
+"""The same, along one axis [m/s^2]."""
 _FLYING = 3.0
 """Speed from which an aircraft is expected to move ahead [m/s]."""
+
+
+SIGNALS = ("quaternion", "euler", "rates", "velocity", "force", "airspeed", "alpha", "beta", "wind")
+"""What a `Motion` holds."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +56,27 @@ class Reading:
     order: tuple[int, ...] = (0, 1, 2, 3)
     """Places of w, x, y, z among the four numbers."""
     conjugate: bool = False
-    attitude_scale: float = 1.0
+    attitude_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     """Of Euler angles that are mapped one by one."""
+    attitude_axes: tuple[int, ...] = (0, 1, 2)
+    """Places of Phi, Theta, Psi among those."""
     rates_frame: str = "frd"
     rates_axes: tuple[int, ...] = (0, 1, 2)
     rates_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     velocity_frame: str = "frd"
     """Of `BODY` or `EARTH`."""
     velocity_scale: float = 1.0
+    air_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
+    """Of airspeed, alpha, beta."""
+    air_axes: tuple[int, ...] = (0, 1, 2)
+    """Places of airspeed, alpha, beta among the three."""
+    vane_scale: float = 1.0
+    """Of the place of the vanes."""
+    wind_scale: float = 1.0
+    wind_axes: tuple[int, ...] = (0, 1, 2)
     force_frame: str = "frd"
-    force_scale: float = 1.0
+    force_axes: tuple[int, ...] = (0, 1, 2)
+    force_scale: tuple[float, ...] = (1.0, 1.0, 1.0)
     weightless: bool = False
     """Gravity has been taken off the accelerometer."""
 
@@ -80,14 +99,22 @@ class Motion:
     velocity: Array | None = None
     force: Array | None = None
     """(k, 3)"""
+    airspeed: Array | None = None
+    alpha: Array | None = None
+    beta: Array | None = None
+    """(k, 1), all three or none; then there is no velocity."""
+    vane: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Where those are measured, from the centre of mass, FRD [m]."""
+    wind: Array | None = None
+    """(k, 3) of the air over ground, NED [m/s]."""
 
-    def shifted(self, name: str, steps: int) -> Motion:
-        """Return the motion with one signal taken so many steps later than the others."""
+    def shifted(self, names: Container[str], steps: int) -> Motion:
+        """Return the motion with some signals taken so many steps later than the others."""
         found: dict[str, Any] = {}
-        for key in ("quaternion", "euler", "rates", "velocity", "force"):
+        for key in SIGNALS:
             value: Array | None = getattr(self, key)
             if value is not None:
-                own = steps if key == name else 0
+                own = steps if key in names else 0
                 least, most = min(0, steps), max(0, steps)
                 found[key] = value[own - least : len(value) + own - most]
         return replace(self, **found)
@@ -102,8 +129,8 @@ class Motion:
         rates = self._body(self.rates, reading.rates_frame, reading.rates_scale, reading.rates_axes)
         if rates is not None:
             found.update(_rates(turn, rates, width, self.step))
-        velocity = self._velocity(turn, reading)
-        force = self._body(self.force, reading.force_frame, (reading.force_scale,) * 3)
+        velocity = self._velocity(turn, reading, rates)
+        force = self._body(self.force, reading.force_frame, reading.force_scale, reading.force_axes)
         if force is not None:
             pull = np.einsum("kij,kj->ki", turn, force)
             if reading.weightless:
@@ -113,7 +140,10 @@ class Motion:
             if velocity is not None:
                 tried = [_force(velocity, pull, max(1, round(w / self.step)), self.step) for w in (_WINDOW, _LONG)]
                 found.update(min((one for one in tried if one), key=lambda one: one["force"], default={}))
+                found.update(_along(turn, velocity, pull, self.step))
         if velocity is not None:
+            if self.wind is not None:
+                velocity = velocity - reading.wind_scale * self.wind[:, list(reading.wind_axes)]
             speed = np.linalg.norm(velocity, axis=1)
             if float(np.median(speed)) > _FLYING:
                 ahead = np.einsum("ki,ki->k", turn[:, :, 0], velocity)
@@ -130,7 +160,8 @@ class Motion:
             return np.asarray(rows @ matrix * BODY[reading.attitude_body])
         if self.euler is None:
             return None
-        (sp, st, ss), (cp, ct, cs) = (f(self.euler.T * reading.attitude_scale) for f in (np.sin, np.cos))
+        angles = (self.euler[:, list(reading.attitude_axes)] * reading.attitude_scale).T
+        (sp, st, ss), (cp, ct, cs) = (f(angles) for f in (np.sin, np.cos))
         return np.stack(
             [
                 np.stack([ct * cs, sp * st * cs - cp * ss, cp * st * cs + sp * ss], axis=1),
@@ -147,8 +178,14 @@ class Motion:
             return None
         return np.asarray(raw[:, list(axes)] * scale * BODY[frame])
 
-    def _velocity(self, turn: Array, reading: Reading) -> Array | None:
+    def _velocity(self, turn: Array, reading: Reading, rates: Array | None) -> Array | None:
         """Return the velocity (k, 3) in NED."""
+        if self.airspeed is not None and self.alpha is not None and self.beta is not None:
+            air = np.concatenate([self.airspeed, self.alpha, self.beta], axis=1)[:, list(reading.air_axes)]
+            body = air_velocities(air * reading.air_scale)
+            if rates is not None and any(self.vane):
+                body = body - np.cross(rates, np.array(self.vane) * reading.vane_scale)
+            return np.asarray(np.einsum("kij,kj->ki", turn, body))
         if self.velocity is None:
             return None
         raw = self.velocity * reading.velocity_scale
@@ -170,6 +207,13 @@ def _matrices(quaternion: Array, conjugate: bool) -> Array:
         ],
         axis=1,
     )
+
+
+def air_velocities(air: Array) -> Array:
+    """Return u, v, w (k, 3) of rows of airspeed, alpha, beta; see `frames.air_velocity`."""
+    (speed, alpha, beta) = air.T
+    ahead = speed * np.cos(beta)
+    return np.stack([ahead * np.cos(alpha), speed * np.sin(beta), ahead * np.sin(alpha)], axis=1)
 
 
 def windowed(values: Array, width: int) -> Array:
@@ -221,3 +265,18 @@ def _force(velocity: Array, pull: Array, width: int, step: float) -> Mapping[str
     sizes = float(np.linalg.norm(change)), float(np.linalg.norm(felt))
     same = float((change * felt).sum()) > _CLEAR * sizes[0] * sizes[1]
     return {"force": misfit(change, felt), "size": abs(np.log(sizes[0] / sizes[1])) if same else 0.0}
+
+
+def _along(turn: Array, velocity: Array, pull: Array, step: float) -> Mapping[str, float]:
+    """Return the misfits along the axes of the aircraft that both windows show, the smaller of the two."""
+    found: dict[str, list[float]] = {name: [] for name in "XYZ"}
+    widths = [max(1, round(w / step)) for w in (_WINDOW, _LONG)]
+    for width in widths:
+        change = (velocity[width:] - velocity[:-width]) / (width * step)
+        middle = turn[width // 2 :][: len(change)]
+        sides = [np.einsum("kji,kj->ki", middle, side) for side in (change, windowed(pull, width))]
+        a, b = (side - side.mean(axis=0) for side in sides)
+        for i, name in enumerate("XYZ"):
+            if max(a[:, i].std(), b[:, i].std()) > _ALONG:
+                found[name].append(misfit(a[:, i], b[:, i]))
+    return {f"axis {name}": min(values) for name, values in found.items() if len(values) == len(widths)}

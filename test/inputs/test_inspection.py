@@ -37,7 +37,15 @@ LINES: dict[str, Any] = {
     "effectors.da": "joints position[name=aileron]",
     "effectors.dr": "joints position[name=rudder]",
 }
-TOPICS = {"/odom": made.ODOMETRY, "/imu/data": made.IMU, "/joint_states": made.JOINTS, "/rc/out": made.RC_OUT}
+AIR = "my_msgs/msg/AirData"
+ARM, WIND = (0.5, 0.0, 0.0), (4.0, -3.0, 0.0)
+TOPICS = {
+    "/air": AIR,
+    "/odom": made.ODOMETRY,
+    "/imu/data": made.IMU,
+    "/joint_states": made.JOINTS,
+    "/rc/out": made.RC_OUT,
+}
 
 
 @cache
@@ -53,7 +61,19 @@ def messages() -> tuple[Message, ...]:
         pulses = 1500.0 + np.array([*(flight.delta[k] / 0.00109), 0, 0, 0, 0, 0])
         values = {"header": made.header(flight.stamp(k)), "channels": np.rint(pulses).astype(np.uint16)}
         found.append((flight.stamp(k) + 400, "/rc/out", made.RC_OUT, values))
+        found.append((flight.stamp(k) + 500, "/air", AIR, air_data(flight, k)))
     return tuple(sorted(found, key=lambda m: m[0]))
+
+
+def air_data(flight: Flight, k: int) -> dict[str, Any]:
+    """Return what vanes ahead of the centre of mass, a satellite receiver in a wind, and a gyro of Euler angles say."""
+    x = flight.x[k]
+    met, ground = x[:3] + np.cross(x[3:6], ARM), made.rotation(x[6:]) @ x[:3] + WIND
+    speed = float(np.linalg.norm(met))
+    values = {"tas": speed, "alpha": math.atan2(met[2], met[0]), "beta": math.asin(met[1] / speed)}
+    values.update(zip(("vn", "ve", "vd", "north", "east"), (*ground, *WIND[:2]), strict=True))
+    values.update(zip(("roll", "pitch", "yaw"), x[6:], strict=True))
+    return {"header": made.header(flight.stamp(k)), **{name: float(value) for name, value in values.items()}}
 
 
 class Fields:
@@ -146,6 +166,22 @@ def channels(*numbers: int, more: str = "zero=1500 scale=0.00109") -> dict[str, 
     return {**PULSES, **lines}
 
 
+TO_AIR = {"topics.air": f"/air {AIR}"}
+VANES: dict[str, Any] = {
+    **TO_AIR, "velocity": None, "airspeed": "air tas", "alpha": "air alpha", "beta": "air beta", "vane_position": ARM,
+}  # fmt: skip
+OVER_GROUND: dict[str, Any] = {**TO_AIR, "velocity": "air vn,ve,vd frame=ned", "wind": "air north,east"}
+EULER: dict[str, Any] = {
+    **TO_AIR, "attitude": None, "states.Phi": "air roll", "states.Theta": "air pitch", "states.Psi": "air yaw",
+}  # fmt: skip
+
+
+def joints(*names: str, more: str = "") -> dict[str, str]:
+    return {
+        f"effectors.{e}": f"joints position[name={n}]{more}" for e, n in zip(("de", "da", "dr"), names, strict=True)
+    }
+
+
 RATES, FORCE = ("/imu/data", "angular_velocity"), ("/imu/data", "linear_acceleration")
 VELOCITY, ATTITUDE = ("/odom", "twist", "twist", "linear"), ("/odom", "pose", "pose", "orientation")
 WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
@@ -236,6 +272,67 @@ WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
         lambda: look({"topics.joints": "/joint_states sensor_msgs/msg/JointState stamp=header.stamp.nanosec unit=s"}),
         "stamps go on|share no time|go back",
     ),
+    "angle of attack in degrees": (
+        lambda: look(VANES, of("/air", "alpha")(math.degrees)), r"inputs.alpha: reaches .*scale=0\.0174533",
+    ),
+    "sideslip in degrees": (lambda: look(VANES, of("/air", "beta")(math.degrees)), r"beta: .*scale=0\.0174533"),
+    "angle of attack with the wrong sign": (
+        lambda: look({**VANES, "alpha": "air alpha scale=-1"}), "alpha: the sign is wrong: scale=-1",
+    ),
+    "sideslip with the wrong sign": (
+        lambda: look({**VANES, "beta": "air beta scale=-1"}), "beta: the sign is wrong: scale=-1",
+    ),
+    "vanes exchanged": (
+        lambda: look({**VANES, "alpha": "air beta", "beta": "air alpha"}), "alpha, beta: the two are exchanged",
+    ),
+    "airspeed in knots": (lambda: look({**VANES, "airspeed": "air tas scale=1.94384"}), "airspeed: .*in knots"),
+    "vanes behind": (lambda: look({**VANES, "vane_position": [-0.5, 0.0, 0.0]}), "vane_position: the sign"),
+    "place of the vanes in millimetres": (lambda: look({**VANES, "vane_position": [500.0, 0.0, 0.0]}), "in metres"),
+    "vanes late": (
+        lambda: look({**VANES, "topics.air": f"/air {AIR} delay=-0.15"}), r"delay larger by \+0\.1[3-7]. s",
+    ),
+    "wind from where it comes": (
+        lambda: look({**OVER_GROUND, "wind": "air north,east scale=-1"}), "inputs.wind: .*scale=-1",
+    ),
+    "wind in knots": (lambda: look({**OVER_GROUND, "wind": "air north,east scale=1.94384"}), "wind: .*in knots"),
+    "wind exchanged": (lambda: look({**OVER_GROUND, "wind": "air east,north"}), "wind: .*exchanged"),
+    "velocity in another earth frame": (
+        lambda: look({**OVER_GROUND, "velocity": "air vn,ve,vd frame=enu"}), "velocity: frame=ned",
+    ),
+    "bank and pitch exchanged": (
+        lambda: look({**EULER, "states.Phi": "air pitch", "states.Theta": "air roll"}), "angles are exchanged",
+    ),
+    "pitch with the wrong sign": (
+        lambda: look({**EULER, "states.Theta": "air pitch scale=-1"}), "Theta: its sign is wrong",
+    ),
+    "bank in degrees": (
+        lambda: look(EULER, of("/air", "roll")(math.degrees)), r"Phi: (reaches|scale=|.*scale=)",
+    ),
+    "axes of the accelerometer exchanged": (
+        lambda: look({"specific_force": "imu " + ",".join(f"linear_acceleration.{c}" for c in "yxz") + " frame=flu"}),
+        "specific_force: three paths in the order y,x,z",
+    ),
+    "force of half the size": (
+        lambda: look({"specific_force": "imu linear_acceleration frame=flu scale=0.5"}), "2 times the scale",
+    ),
+    "elevator and aileron exchanged": (
+        lambda: look(joints("aileron", "elevator", "rudder")), "de: turns the aircraft in roll, hardly in pitch",
+    ),
+    "elevator and rudder exchanged": (
+        lambda: look(joints("rudder", "aileron", "elevator")), "dr: turns the aircraft in pitch, hardly in yaw",
+    ),
+    "radians scaled once more": (
+        lambda: look(joints(*NAMES, more=" scale=0.0174533")), "moves further than the map says.*57.3 times",
+    ),
+    "acceleration taken for angular acceleration": (
+        lambda: look({"angular_acceleration": "imu linear_acceleration frame=flu"}), "leave it out",
+    ),
+    "rates taken for their derivatives": (
+        lambda: look({"angular_acceleration": "imu angular_velocity frame=flu"}), "leave it out",
+    ),
+    "delay in milliseconds": (
+        lambda: look({"topics.joints": "/joint_states sensor_msgs/msg/JointState delay=20"}), "number from -10 to 10",
+    ),
     "place of the accelerometer in millimetres": (lambda: look({"imu_position": [300.0, 0.0, 0.0]}), "in metres"),
 }  # fmt: skip
 
@@ -258,19 +355,22 @@ def test_there_are_many_ways() -> None:
     assert len(WAYS) >= 30
 
 
-@pytest.mark.parametrize("lines", [{}, channels(0, 1, 2)])
+@pytest.mark.parametrize("lines", [{}, channels(0, 1, 2), VANES, OVER_GROUND, EULER])
 def test_a_right_map_has_notes_only(lines: dict[str, Any]) -> None:
     found = look(lines)
     assert [f for f in found if f.level != NOTE] == []
     assert any("agree with the motion" in f.what for f in found)
 
 
-def test_noise_of_real_sensors_is_no_finding() -> None:
+@pytest.mark.parametrize("lines", [{}, VANES, OVER_GROUND, EULER])
+def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
     random = np.random.default_rng(3)
 
     def noisy(message: Message) -> Message:
         for path, size in ((RATES, 0.02), (FORCE, 0.5), (VELOCITY, 0.15)):
             message = of(*path)(vector(lambda x, size=size: x + size * random.standard_normal()))(message)  # type: ignore[misc]
+        for name, size in (("tas", 0.3), ("alpha", 0.01), ("beta", 0.01), ("vn", 0.15), ("ve", 0.15), ("vd", 0.15)):
+            message = of("/air", name)(lambda x, size=size: x + size * random.standard_normal())(message)  # type: ignore[misc]
         return message
 
-    assert [f for f in look({}, noisy) if f.level == WRONG] == []
+    assert [f for f in look(lines, noisy) if f.level == WRONG] == []
