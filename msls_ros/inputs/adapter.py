@@ -32,7 +32,7 @@ from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.inputs.field_paths import listed
-from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput
+from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
@@ -230,6 +230,7 @@ class InputAdapter:
 
     def _begin_anew(self) -> None:
         self._continued: dict[str, float] = {}
+        self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
         if self._filter is not None:
             self._filter.clear()
@@ -255,6 +256,13 @@ class InputAdapter:
         name = stream.name.removeprefix("states.")
         if name in _ANGLES:
             values = (self._unwrapped(stream.name, values[0]),)
+        if stream.lag > 0.0:
+            before = self._lagging.get(index)
+            self._lagging[index] = stamp, values
+            if before is None or stamp - before[0] > stream.track.age:
+                return True
+            values = unlagged(stream.lag, before[1], values, (stamp - before[0]) * 1e-9)
+            stamp = (before[0] + stamp) // 2
         self._aligner.add(index, stamp - stream.delay, values)
         return True
 

@@ -345,4 +345,7 @@ def _delays(
         word = "later" if steps > 0 else "earlier"
         what = f"comes {1e3 * abs(steps) * motion.step:.0f} ms {word} than the attitude shows it"
         where = entries[group[0]] if len(group) == 1 else "inputs." + ", ".join(group)
-        yield Finding(level, "delay", where, what, f"delay larger by {steps * motion.step:+.3f} s in this line")
+        change = f"delay larger by {steps * motion.step:+.3f} s in this line"
+        if group == ("airspeed",) and steps > 0:
+            change += f"; or lag={steps * motion.step:.2g}, where a static port follows slowly"
+        yield Finding(level, "delay", where, what, change)

@@ -4,10 +4,12 @@ Every entry is a ROS parameter of one line, words separated by spaces::
 
     topics.ALIAS:     TOPIC TYPE [stamp=PATH|arrival] [unit=s|ms|us|ns] [delay=SECONDS]
     everything else:  ALIAS PATH [scale=1] [zero=0] [offset=0] [frame=...] [hold=true] [age=SECONDS] [delay=SECONDS]
+                      [lag=SECONDS]
 
 A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. Of a vector each of the three may be one
-number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. See
-`field_paths` for PATH, and the shipped profiles for examples.
+number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. Of what
+follows with a first-order lag T, as the pressure of a static port does, ``m + T dm/dt`` is taken instead of the measured
+m, midway between each two samples. See `field_paths` for PATH, and the shipped profiles for examples.
 """
 
 from __future__ import annotations
@@ -98,6 +100,8 @@ class StreamInput:
     delay: int
     """[ns]"""
     track: Track
+    lag: float = 0.0
+    """Time constant with which what is measured follows [s]."""
 
     def read(self, message: Any) -> Values:
         """Return the values of a message, scaled, in the frame that they come in.
@@ -112,6 +116,12 @@ class StreamInput:
             scale * (raw - zero) + offset
             for raw, scale, zero, offset in zip(found, self.scale, self.zero, self.offset, strict=True)
         )
+
+
+def unlagged(lag: float, earlier: Values, later: Values, seconds: float) -> Values:
+    """Return what was true midway between two samples that follow with a lag [s] and are so many seconds apart."""
+    share = lag / seconds
+    return tuple(0.5 * (a + b) + share * (b - a) for a, b in zip(earlier, later, strict=True))
 
 
 @dataclass(frozen=True)
@@ -309,6 +319,7 @@ def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words
         earth,
         round(1e9 * words.number("delay", topics[source].delay * 1e-9, -10.0, 10.0)),
         Track(f"{name} ({topics[source].topic} {path})", held, own_age, size == 4),
+        words.number("lag", 0.0, 0.0, 10.0) if name != "attitude" else 0.0,
     )
 
 

@@ -129,7 +129,8 @@ class Collector:
                 values = np.array(rows, dtype=np.float64)[good]
                 if name.removeprefix("states.") in ("Phi", "Theta", "Psi"):
                     values = np.unwrap(values, axis=0)
-                result.series[name] = Series(self._inputs.streams[name], times[good], values)
+                one = Series(self._inputs.streams[name], times[good], values)
+                result.series[name] = _unlagged(one) if one.stream.lag > 0.0 and len(one.stamps) > 1 else one
         for alias, (given, logged) in self._times.items():
             times = np.array(given, dtype=np.int64)
             step = np.diff(times)
@@ -143,6 +144,15 @@ class Collector:
         reason = error.reason if isinstance(error, Refused) else "field"
         self._counts[where, reason] += 1
         self._first.setdefault((where, reason), str(error))
+
+
+def _unlagged(series: Series) -> Series:
+    """Return a stream with its lag taken back, as the adapter does."""
+    step = np.diff(series.stamps)
+    near = step <= series.stream.track.age
+    slope = np.diff(series.values, axis=0) / (step * 1e-9)[:, None]
+    values = 0.5 * (series.values[1:] + series.values[:-1]) + series.stream.lag * slope
+    return Series(series.stream, (series.stamps[:-1] + step // 2)[near], values[near])
 
 
 def _rising(stamps: Stamps) -> NDArray[np.bool_]:

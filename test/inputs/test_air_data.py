@@ -39,7 +39,7 @@ class Air:
         self.q = quaternion(matrix)
         self.rates = x[3:6] + np.array([0.01, -0.02, 0.03])
         self.delta = flight.delta[k]
-        self.tas = float(np.linalg.norm(met))
+        self.tas = self.tas_true = float(np.linalg.norm(met))
         self.alpha_deg = math.degrees(math.atan2(met[2], met[0]))
         self.beta_deg = math.degrees(math.asin(met[1] / self.tas))
         self.ground = matrix @ x[:3] + WIND
@@ -68,6 +68,28 @@ def test_wind_is_taken_off_a_velocity_over_ground_and_biases_off_each_axis(fligh
     assert np.abs(found - flight.x[at]).max() < 0.01 + 0.2 * np.abs(np.diff(flight.x, axis=0)).max()
 
 
+@pytest.mark.parametrize("lag", [0.1, 0.3])
+def test_the_lag_of_a_static_port_is_taken_back(lag: float) -> None:
+    flight = rigid_flight(4.0)
+    degrees = "scale=0.017453292519943295"
+    lines = {**LINES, "alpha": f"air alpha_deg {degrees}", "beta": f"air beta_deg {degrees}", "vane_position": ARM}
+    measured, shown = [Air(flight, k) for k in range(len(flight.x))], 0.0
+    for k, one in enumerate(measured):  # a first-order lag, exact for an input that is straight between samples
+        share = 1.0 - math.exp(-0.01 / lag)
+        last = measured[k - 1].tas_true if k else one.tas
+        slope = (one.tas - last) / 0.01
+        shown = one.tas if not k else shown + share * (last - slope * lag - shown) + slope * 0.01
+        one.tas_true, one.tas = one.tas, shown
+    errors = []
+    for more in ("", f" lag={lag}", f" delay={lag}"):
+        adapter = InputAdapter(InputMap.from_parameters({**lines, "airspeed": f"air tas{more}"}), STATES, ("de",))
+        pushed = [adapter.push("/air", flight.stamp(k), one) for k, one in enumerate(measured)]
+        rows = [row for found in pushed for row in found if isinstance(row, StateRow)]
+        places = [(row.stamp - flight.stamp(0)) // 10_000_000 for row in rows]
+        errors.append(np.std(np.array([row.x[0] for row in rows]) - flight.x[places, 0]))
+    assert errors[1] < 0.15 * errors[0] and errors[1] < 0.3 * errors[2], errors
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
@@ -76,6 +98,8 @@ def test_wind_is_taken_off_a_velocity_over_ground_and_biases_off_each_axis(fligh
         ({"velocity": "air ground frame=ned", "wind": "air north,east", "attitude": None, "states.Phi": "air tas"},
          "'Theta' comes from nowhere|cannot be used without"),
         ({"velocity": "air ground scale=1,2"}, "scale has 2 numbers; expected 1 or 3"),
+        ({"attitude": "air q frame=frd/ned lag=0.1"}, "'lag' does not exist here"),
+        ({"velocity": "air ground lag=-0.1"}, "lag is '-0.1'; it must be a number from 0 to 10"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused(changes: dict[str, Any], said: str) -> None:
