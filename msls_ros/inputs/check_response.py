@@ -24,7 +24,7 @@ _MOST = 20000
 _GAIN = 0.08
 """Share of the residual that the delay must explain."""
 _SURE = 0.5
-"""Share from which it is sure: a law that answers a fault which nobody measures gave 0.38, real delays 0.65 and more."""
+"""Share from which it is sure: a law that answers a fault nobody measures gave 0.38, real delays give 0.65 and more."""
 _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2, "rudder": 2}
 """Axis that a surface of this name turns the aircraft about: roll, pitch, yaw."""
 _OTHER = 6.0

@@ -7,8 +7,8 @@ Every entry is a ROS parameter of one line, words separated by spaces::
                       [lag=SECONDS]
 
 A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. Of a vector each of the three may be one
-number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. Of what
-follows with a first-order lag T, as the pressure of a static port does, ``m + T dm/dt`` is taken instead of the measured
+number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. What
+follows with a first-order lag T, as the pressure of a static port does, is taken back: ``m + T dm/dt`` of the measured
 m, midway between each two samples. See `field_paths` for PATH, and the shipped profiles for examples.
 """
 

@@ -14,6 +14,8 @@ from msls_ros.estimation.estimate import EventKind
 Array = NDArray[np.float64]
 EPOCH = 100_000_000_000_000
 """Stamps beyond this count from somewhere else than the flight's beginning [ns]."""
+LASTING = 1.0
+"""A number is known that has been reliable for so long, or is so at the end; among many, some seem sure briefly [s]."""
 
 
 def origin_of(first: int) -> int:
@@ -43,6 +45,7 @@ class BestModel:
         self._score = self._value = self._std = self._time = np.zeros((0, 0))
         self._last: NDArray[np.bool_] = np.zeros((0, 0), np.bool_)
         self._end = (self._score, self._score)
+        self._lasted, self._newest = self._score, 0.0
 
     def take(self, models: Sequence[Estimate], events: Sequence[FaultEvent]) -> None:
         """Take a block of models, and the events of its time."""
@@ -53,7 +56,8 @@ class BestModel:
             shape = (len(states), len(states) + len(effectors))
             self._names = states, (*states, *effectors)
             self._score = np.full(shape, np.inf)
-            self._value, self._std, self._time = (np.zeros(shape) for _ in range(3))
+            self._value, self._std, self._time, self._lasted = (np.zeros(shape) for _ in range(4))
+            self._newest = models[0].time
         begin = 0
         for event in [e for e in events if e.kind == EventKind.DETECTED]:
             cut = sum(m.time < event.time for m in models)
@@ -61,7 +65,8 @@ class BestModel:
             begin = cut
             for name in event.equations:
                 if name in self._names[0]:
-                    self._score[self._names[0].index(name)] = np.inf
+                    row = self._names[0].index(name)
+                    self._score[row], self._lasted[row] = np.inf, 0.0
         self._take(models[begin:])
 
     def _take(self, models: Sequence[Estimate]) -> None:
@@ -73,23 +78,26 @@ class BestModel:
         reliable = np.concatenate([[m.a_reliable & ~known for m in models], [m.b_reliable for m in models]], axis=2)
         reliable &= np.isfinite(std) & (std > 0.0) & (value != 0.0)
         score = np.divide(std, np.abs(value), out=np.full(std.shape, np.inf), where=reliable)
+        times = np.array([m.time for m in models])
         at = score.argmin(axis=0)[None]
         best = np.take_along_axis(score, at, 0)[0]
         better = best < self._score
         for own, new in (
             (self._score, best), (self._value, np.take_along_axis(value, at, 0)[0]),
-            (self._std, np.take_along_axis(std, at, 0)[0]), (self._time, np.array([m.time for m in models])[at[0]]),
+            (self._std, np.take_along_axis(std, at, 0)[0]), (self._time, times[at[0]]),
         ):  # fmt: skip
             own[better] = new[better]
-        self._last, self._end = reliable[-1], (value[-1], std[-1])
+        self._lasted += np.tensordot(np.diff(times, prepend=self._newest), reliable, axes=1)
+        self._last, self._end, self._newest = reliable[-1], (value[-1], std[-1]), float(times[-1])
 
     @property
     def known(self) -> list[Known]:
-        """All numbers that were reliable once, since the last alarm of their equation, row by row.
+        """All numbers that were reliable, since the last alarm of their equation, row by row; see `LASTING`.
 
         A number that the last model contradicts, beyond three standard errors of both, is not among them.
         """
         rows, columns = self._names
+        lasting = self._last | (self._lasted > LASTING - 1e-6)
         with np.errstate(invalid="ignore"):
             apart = np.abs(self._value - self._end[0]) > 3.0 * np.hypot(self._std, self._end[1])
         return [
@@ -97,7 +105,7 @@ class BestModel:
                 rows[i], columns[j], float(self._value[i, j]), float(self._std[i, j]), float(self._time[i, j]),
                 bool(self._last[i, j]),
             )
-            for i, j in np.argwhere(np.isfinite(self._score) & ~apart).tolist()
+            for i, j in np.argwhere(np.isfinite(self._score) & lasting & ~apart).tolist()
         ]  # fmt: skip
 
     @property

@@ -23,6 +23,8 @@ _SETTLED = 3.0
 _LOOKS = 160
 """Models at which slow changes are looked for."""
 _CONTRADICTED = 3.0
+_LASTING = 1.0
+"""A number is known that has been reliable for so long, or is so in the last model, as in `offline.best` [s]."""
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,9 @@ def gather_knowledge(models: Models, alarms: Sequence[Event]) -> Knowledge:
     best, error = (np.take_along_axis(field, at, 0)[0] for field in (value, std))
     with np.errstate(invalid="ignore"):
         against = np.abs(best - value[-1]) > _CONTRADICTED * np.hypot(error, std[-1])
-    known = np.isfinite(np.take_along_axis(score, at, 0)[0]) & ~against
+    lasted = np.tensordot(np.diff(models.time, prepend=models.time[0]), usable, axes=1)
+    lasting = usable[-1] | (lasted > _LASTING - 1e-6)
+    known = np.isfinite(np.take_along_axis(score, at, 0)[0]) & lasting & ~against
     fixed = np.concatenate([models.a_known, np.zeros(models.b.shape[1:], np.bool_)], axis=1)
     return Knowledge(
         models.states, (*models.states, *models.effectors), free, np.where(known, best, np.nan),

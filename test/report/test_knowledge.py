@@ -73,6 +73,13 @@ def test_what_was_known_before_an_alarm_or_is_contradicted_is_not_known() -> Non
     assert not gather_knowledge(replace(one, b=value[:, None, None]), []).known.any()
 
 
+@pytest.mark.parametrize("until", [0.5, 2.0])
+def test_what_was_reliable_for_a_moment_only_is_not_known(until: float) -> None:
+    reliable = (np.abs(TIME - 10.0) < 0.5 * until).astype(float)
+    known = gather_knowledge(models(20.0 + 0.0 * TIME, np.where(reliable, 0.5, 40.0), reliable), [])
+    assert known.known.any() == (until > 1.0)
+
+
 def test_the_rms_looks_back_only() -> None:
     step = np.zeros((20, 1))
     step[10:] = 2.0
