@@ -6,6 +6,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import lru_cache
 from io import StringIO
 from pathlib import Path
@@ -20,6 +21,10 @@ NAME = "metadata.yaml"
 VERSION = 9
 _MAX_METADATA, _MAX_PROFILES = 1 << 20, 1 << 16
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
+
+
+EXPECTED = "a bag directory, or a .mcap, .db3, .bag, .ulg or .bin file"
+"""What can be read, for sentences."""
 
 
 @dataclass(frozen=True)
@@ -223,7 +228,7 @@ def bag_files(path: Path) -> BagFiles:
         return BagFiles((path,), listed and _by_message(info), ())
     if not os.path.isdir(path):
         found = "not a file or directory" if os.path.lexists(path) else "no such file or directory"
-        msg = f"{path}: {found}; expected a bag directory, or a .mcap, .db3 or .bag file"
+        msg = f"{path}: {found}; expected {EXPECTED}{_near(path)}"
         raise BagError(msg)
     info, problem = _load(path / NAME)
     warnings = [problem] if problem else []
@@ -280,6 +285,15 @@ def is_file(path: Path) -> bool:
         return path.is_file()
     except (OSError, ValueError):
         return False
+
+
+def _near(path: Path) -> str:
+    """Return the end of a sentence that suggests what was probably meant, of the same folder."""
+    try:
+        found = get_close_matches(path.name, os.listdir(path.parent), 1, 0.6)
+    except OSError:
+        return ""
+    return f"; did you mean '{path.parent / found[0]}'?" if found else ""
 
 
 def _listed(info: Mapping[str, Any]) -> list[str]:

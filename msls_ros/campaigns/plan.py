@@ -13,6 +13,7 @@ from msls_ros.control import ControlError, ControlSettings
 from msls_ros.control.settings import items
 from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.estimation.configuration import as_mapping
+from msls_ros.estimation.errors import nearest
 from msls_ros.flights.scenario_law import LAW_COMPARED, LawChoice, changed_law
 from msls_ros.flights.scenarios import OURS, Scenario, ScenarioError, find_scenario
 from msls_ros.plant import NOISE_LEVELS
@@ -128,7 +129,9 @@ def _settings(
             message = f"--compare {name}: it cannot be compared, {OURS[name]} gives it"
             raise PlanError(message)
         if name not in known:
-            base.replace({name: texts[0]})
+            near = nearest(name, (*FULL, *known, *(full.rpartition(".")[2] for full in known)))
+            message = f"--compare: parameter '{name}' does not exist{near}; there are {', '.join((*FULL, *known))}"
+            raise PlanError(message)
         if isinstance(known[name], tuple):
             message = f"--compare {name}: it is a list; expected a parameter of one number or word"
             raise PlanError(message)

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 from typing import Any, NoReturn
 
 from msls_ros.estimation.errors import nearest
+
+_CHOICE = re.compile(r"invalid choice: '(.*)' \(choose from (.*)\)")
+_QUOTED = re.compile(r"[\w.-]+")
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -26,6 +30,9 @@ class OneLineParser(argparse.ArgumentParser):
         """Print the message without the usage, and exit with 2."""
         _, unknown, rest = message.partition("unrecognized arguments: ")
         near = nearest(rest.split("=")[0].split()[0], self._option_string_actions) if unknown and rest else ""
+        choice = _CHOICE.search(message)
+        if choice is not None:
+            near = nearest(choice[1], _QUOTED.findall(choice[2]))
         self.exit(2, f"{self.prog}: {message}{near}; see --help\n")
 
 

@@ -201,12 +201,16 @@ def describe(scenario: Scenario, s: dict[str, Any]) -> str:
         )
     if "law" in s:
         lines += ["", *_law_lines(s["law"])]
+    lines.append("")
+    if dither["predicted_g_max"] > 0.0:
+        lines += [
+            f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms nominal (limit 0.012), "
+            f"{dither['predicted_g_max']:.4f} at most (limit 0.04)",
+            f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}; "
+            f"{dither['realised_of_limit']:.2f} of the limit, {dither['realised_of_limit_1s_max']:.2f} "
+            "in the worst second",
+        ]
     lines += [
-        "",
-        f"dither at the pilot   predicted {dither['predicted_g_max_nominal']:.4f} g rms nominal (limit 0.012), "
-        f"{dither['predicted_g_max']:.4f} at most (limit 0.04)",
-        f"{'':<22}realised {dither['realised_g_rms']:.4f}, boosted {dither['realised_g_rms_boosted']:.4f}; "
-        f"{dither['realised_of_limit']:.2f} of the limit, {dither['realised_of_limit_1s_max']:.2f} in the worst second",
         f"speed                 {s['real_time_factor']:.1f} x real time",
         f"page                  {s['report']}",
         f"written               {os.path.dirname(s['bag']) or '.'}: bag/, summary.json, "

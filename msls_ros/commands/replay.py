@@ -165,8 +165,7 @@ def _expand(patterns: Sequence[str]) -> list[Path]:
     for pattern in patterns:
         names = [pattern] if Path(pattern).exists() else sorted(glob.glob(pattern))
         if not names:
-            message = f"{pattern}: no such file or directory; expected a bag directory, or a .mcap, .db3 or .bag file"
-            raise BagError(message)
+            open_any(Path(pattern))  # says that it is not there, and what may be meant
         found.update(dict.fromkeys(map(Path, names)))
     return list(found)
 

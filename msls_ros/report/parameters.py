@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -105,9 +106,10 @@ def pick(models: Models, truth: Truth | None, name: str) -> Parameter:
     row, _, column = name.partition("/")
     columns = (*models.states, *models.effectors)
     if row not in models.states or column not in columns:
+        near = get_close_matches(name, [f"{r}/{c}" for r in models.states for c in columns], 1)
         message = (
             f"parameter '{name}' does not exist; expected ROW/COLUMN with a row of {' '.join(models.states)} "
-            f"and a column of {' '.join(columns)}"
+            f"and a column of {' '.join(columns)}" + (f"; did you mean '{near[0]}'?" if near else "")
         )
         raise ReportError(message)
     i = models.states.index(row)

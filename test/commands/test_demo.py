@@ -213,6 +213,10 @@ def test_json_is_the_summary_and_nothing_else(tmp_path: Path, capfd: pytest.Capt
     assert (summary["scenario"], summary["seed"], summary["noise"]) == ("roll_doublet_tail_fault", 0, "none")
     assert Path(summary["bag"]).is_dir()
     assert len(summary["figures"]) == 3
+    scenario = find_scenario("roll_doublet_tail_fault")
+    assert "dither at the pilot" in demo.describe(scenario, summary)
+    none = {**summary, "dither": {**summary["dither"], "predicted_g_max": 0.0}}
+    assert "dither at the pilot" not in demo.describe(scenario, none), "no line of it where none was injected"
     for figure in summary["figures"]:
         assert Path(figure).read_bytes().startswith(b"\x89PNG")
     assert "Traceback" not in err
