@@ -243,7 +243,7 @@ class InputAdapter:
         """Read a stream from a message; what cannot be used is refused (False), the other streams are not."""
         try:
             values = stream.read(message)
-            size = sum(v * v for v in values)
+            size = sum([v * v for v in values])
             if not math.isfinite(size):
                 text = f"{stream.track.name} is {listed(map(str, values))}; expected finite numbers"
                 raise Refused("not_finite", text)

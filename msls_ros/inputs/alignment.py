@@ -51,9 +51,10 @@ class _Buffer:
         self.samples: deque[tuple[int, Values]] = deque(maxlen=KEPT)
 
     def add(self, stamp: int, values: Values) -> None:
-        last = self.samples[-1][1] if self.track.quaternion and self.samples else values
-        if sum(a * b for a, b in zip(last, values, strict=True)) < 0.0:
-            values = tuple(-v for v in values)
+        if self.track.quaternion and self.samples:
+            last = self.samples[-1][1]
+            if sum(a * b for a, b in zip(last, values, strict=True)) < 0.0:
+                values = tuple(-v for v in values)
         self.samples.append((stamp, values))
 
     def at(self, t: int) -> Values | None:

@@ -84,9 +84,11 @@ def _residuals(turn: Array, delta: Array, step: float) -> tuple[Array, Array]:
     lags, scores = [], []
     for steps in range(-most, most + 1):
         own = held[most - steps : len(held) - most - steps]
-        x = np.column_stack([states[inner], own, np.ones(len(own))])
-        weights, *_ = np.linalg.lstsq(x, y, rcond=None)
-        left = np.square(y - x @ weights).sum(axis=0)
+        x = np.column_stack([states[inner], own])
+        x -= x.mean(axis=0)
+        gram, side = x.T @ x, x.T @ y  # one pass over the samples; the residual needs no better conditioning
+        weights, *_ = np.linalg.lstsq(gram, side, rcond=1e-12)
+        left = scale - (weights * (2.0 * side - gram @ weights)).sum(axis=0)
         lags.append(steps * step)
         scores.append(float(np.mean(left / np.where(scale > 0.0, scale, 1.0))))
     return np.array(lags), np.array(scores)

@@ -13,8 +13,9 @@ Only attributes and items are read, so a path serves any message object: those o
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from numbers import Integral, Real
+from operator import attrgetter
 from typing import Any
 
 from msls_ros.estimation.errors import EstimationError, nearest
@@ -58,6 +59,8 @@ class FieldPath:
                 message = f"'{piece}' in the path '{text}' is not NAME, NAME[2] or NAME[key=value]"
                 raise EstimationError(message)
             self._parts.append(_Part(match))
+        plain = all(part.plain for part in self._parts)
+        self._get: Callable[[Any], Any] | None = attrgetter(text) if plain else None
 
     def read(self, message: Any) -> Any:
         """Return what is at the path.
@@ -69,6 +72,11 @@ class FieldPath:
         Refused
             If this message does not hold the element.
         """
+        if self._get is not None:
+            try:
+                return self._get(message)
+            except AttributeError:
+                pass  # the walk below says where it ends
         value = message
         for part in self._parts:
             try:
@@ -118,6 +126,8 @@ class _Part:
         self.name = match["name"]
         self.key, self.value = match["key"], match["value"]
         self._index = int(match["index"]) if match["index"] else -1
+        self.plain = self.key is None and self._index < 0
+        """Neither an element nor a key."""
 
     def read(self, owner: Any) -> Any:
         found = getattr(owner, self.name)
@@ -170,6 +180,7 @@ class VectorPath:
     def __init__(self, text: str, size: int) -> None:
         """Take the text apart; see the class."""
         self.text, self.size = text, size
+        self._getters: dict[type, Callable[[Any], Any]] = {}
         self._paths = [FieldPath(piece) for piece in text.split(",")]
         if len(self._paths) not in (1, size):
             message = f"'{text}' has {len(self._paths)} paths; expected 1 or {size}"
@@ -185,6 +196,10 @@ class VectorPath:
         """
         found = [path.read(message) for path in self._paths]
         try:
+            if len(self._paths) < self.size:
+                get = self._getters.get(type(found[0]))
+                if get is not None:
+                    return tuple(map(float, get(found[0])))
             if len(found) == self.size:
                 return tuple(map(float, found))
             return self._components(found[0])
@@ -200,7 +215,9 @@ class VectorPath:
         if hasattr(value, "x"):
             if hasattr(value, "w") != ("w" in axes):
                 raise TypeError
-            return tuple(float(getattr(value, axis)) for axis in axes)
+            values = tuple(float(getattr(value, axis)) for axis in axes)
+            self._getters[type(value)] = attrgetter(*axes)
+            return values
         if len(value) != self.size:
             raise ValueError
         return tuple(map(float, value))

@@ -262,7 +262,7 @@ def _force(velocity: Array, pull: Array, width: int, step: float) -> Mapping[str
     change, felt = change - change.mean(axis=0), felt - felt.mean(axis=0)
     if max(change.std(), felt.std()) < _MOVING:
         return {}
-    sizes = float(np.linalg.norm(change)), float(np.linalg.norm(felt))
+    sizes = float(np.sqrt((change * change).sum())), float(np.sqrt((felt * felt).sum()))
     same = float((change * felt).sum()) > _CLEAR * sizes[0] * sizes[1]
     return {"force": misfit(change, felt), "size": abs(np.log(sizes[0] / sizes[1])) if same else 0.0}
 

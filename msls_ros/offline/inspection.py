@@ -44,6 +44,7 @@ def inspect(
     configuration: Configuration,
     inputs: InputMap | InputTopics,
     progress: Callable[[float], None] = lambda share: None,
+    seen: tuple[Record, int] | None = None,
 ) -> Inspection:
     """Look at a log through its map.
 
@@ -57,6 +58,8 @@ def inspect(
         The map; or the topics of `msls_msgs`.
     progress
         Called with the share that is done.
+    seen
+        What was read of it already, and of how many messages; None: it is read.
 
     Raises
     ------
@@ -73,7 +76,7 @@ def inspect(
     else:
         InputAdapter(inputs, configuration.states, configuration.effectors)  # refuses what no log could mend
         found = list(check_topics(inputs, reader.topics))
-        record, looked_at = read_record(reader, inputs, progress)
+        record, looked_at = seen or read_record(reader, inputs, progress)
     missing = {f.where for f in found}
     found += [f for f in findings_of(record, configuration) if f.where not in missing]
     stamps = record.topics[record.inputs.clock].stamps

@@ -16,8 +16,9 @@ from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import items
 from msls_ros.inputs import InputMap
 from msls_ros.inputs.profiles import read_profile
+from msls_ros.inputs.series import Collector
 from msls_ros.offline.best import origin_of
-from msls_ros.offline.inspection import Inspection, inspect
+from msls_ros.offline.inspection import MOST, Inspection, inspect
 from msls_ros.offline.mapped import is_own, mapped_recording
 from msls_ros.offline.opening import Chosen, chosen_parameters
 from msls_ros.offline.recompute import Recomputed, fitting, recompute
@@ -73,11 +74,27 @@ def gather(
     else:
         chosen = chosen_parameters(reader, params, namespace)
         assert isinstance(chosen.inputs, InputMap)
-        inspection = inspect(reader, chosen.configuration, chosen.inputs)
-        record = mapped_recording(reader, chosen.configuration, chosen.inputs, lambda s: progress("reading", s))
+        first = _First(chosen.inputs)
+        record = mapped_recording(
+            reader, chosen.configuration, chosen.inputs, lambda s: progress("reading", s), first.take
+        )
         gathering = _Gathering(bag, record, params, chosen)
-        gathering.inspection = inspection
+        seen = first.collector.record(), first.count
+        gathering.inspection = inspect(reader, chosen.configuration, chosen.inputs, seen=seen)
     return gathering.run(lambda share: progress("identifying", share))
+
+
+class _First:
+    """Collects what an inspection looks at, while a log is read for another purpose."""
+
+    def __init__(self, inputs: InputMap) -> None:
+        self.collector, self.count = Collector(inputs), 0
+
+    def take(self, topic: str, logged: int, message: Any) -> None:
+        """Take a message, of the first of a log."""
+        if self.count < MOST:
+            self.collector.take(topic, logged, message)
+            self.count += 1
 
 
 class _Gathering:

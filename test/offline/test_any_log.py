@@ -16,6 +16,7 @@ from offline.replayed import run
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
+from msls_ros.bags import LogReader
 from msls_ros.commands import inspect, report
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.offline.replay import load
@@ -124,11 +125,19 @@ def by_samples(flight: Flight, *, measured: bool) -> dict[str, float]:
 
 
 def test_the_page_of_a_foreign_log_in_one_step(
-    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     log = log_of("flight.ulg", flight, tmp_path)
+    decoded, decode = [0], LogReader.decode
+
+    def counted(self: LogReader, message: Any) -> Any:
+        decoded[0] += 1
+        return decode(self, message)
+
+    monkeypatch.setattr(LogReader, "decode", counted)
     assert report.main([str(log), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
+    assert decoded[0] < 2.1 * 4212, "messages are decoded for the map, then once for check and estimate together"
     assert Path(summary["report"]) == tmp_path / "flight_report" / "report.html"
     assert {"trust", "model", "parameters", "flight"} <= set(summary["sections"])
     page = Path(summary["report"]).read_text()
