@@ -116,7 +116,7 @@ class InputAdapter:
         self._states, self._effectors = tuple(states), tuple(effectors)
         self.methods: Mapping[str, str] = plan(inputs, self._states, self._effectors)
         """How the derivative of each state comes about: see the module."""
-        streams = list(inputs.streams.values())
+        streams = [s for s in inputs.streams.values() if s.name not in inputs.compared]
         self._streams = streams
         self._of_topic = {
             topic.topic: [(i, s) for i, s in enumerate(streams) if s.source == alias]

@@ -31,6 +31,8 @@ _SEEN, _MENDED = 0.03, 0.25
 """A misfit of the forces that is looked at though it is within its limit, and the share that the mend of it leaves."""
 _OFF_NOSE = 5.0
 """By which an aircraft flies off its nose in balanced flight [deg]."""
+_AIRSPEED_OFF, _FLYING = 0.12, 3.0
+"""Logarithm of the ratio of two airspeeds that is worth naming; airspeed from which they are compared [m/s]."""
 _SPEEDS = {"knots": 0.514444, "km/h": 1.0 / 3.6, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 0.001}
 _WORDS = {
     "rates": "the attitude does not turn with the rates",
@@ -57,6 +59,8 @@ def check_motion(record: Record) -> Iterator[Finding]:
     if not bad and not wind and now.get("force", 0.0) > _SEEN:
         yield from _better(motion, reading, entries, now)
     yield from wind
+    if not bad and not wind:
+        yield from _airspeed(motion, reading)
     if not bad:
         text = ", ".join(f"{name} {value:.2g}" for name, value in now.items())
         yield Finding(NOTE, "motion", "inputs", f"frames, signs and units agree with the motion (misfits: {text})")
@@ -121,6 +125,24 @@ def _wind(motion: Motion, reading: Reading, now: Mapping[str, float]) -> Iterato
         yield Finding(WRONG, "wind", "inputs.wind", f"{what}without it {on:.0f}", mend)
 
 
+def _airspeed(motion: Motion, reading: Reading) -> Iterator[Finding]:
+    """Yield that the airspeed is not the size of the velocity, less the wind."""
+    speed = motion.air_speed(reading)
+    if speed is None or motion.airspeed is None or motion.alpha is not None:
+        return
+    flying = motion.airspeed[:, 0] > _FLYING
+    if flying.mean() < 0.2:
+        return
+    felt, made = float(np.median(motion.airspeed[flying, 0])), float(np.median(speed[flying]))
+    if abs(np.log(felt / made)) < _AIRSPEED_OFF:
+        return
+    less = "the velocity" if motion.wind is None else "the velocity less the wind"
+    units = [f"scale={s:.6g}: it is in {unit}" for unit, s in _SPEEDS.items() if abs(np.log(felt * s / made)) < 0.1]
+    change = "map the wind: u, v, w are those over ground" if motion.wind is None else "check sign and unit of the wind"
+    what = f"the airspeed is {felt:.3g} m/s in the median, {less} {made:.3g} m/s"
+    yield Finding(DOUBTFUL, "airspeed", "inputs.airspeed", what, " or ".join([change, *units]))
+
+
 def _limit(name: str) -> float:
     return LIMITS[name.split()[0]]
 
@@ -174,6 +196,9 @@ def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | Non
             reading = reading.but(velocity_frame=stream.earth or stream.body or "frd")
     begin = max(int(one.stamps[0]) for one in flat.values())
     wind = _wind_of(record, begin * 1e-9 + grid[0]) if "velocity" in record.series else None
+    if "velocity" in chosen and "airspeed" in record.series:
+        air = record.series["airspeed"]
+        joined["airspeed"] = np.interp(begin * 1e-9 + grid[0], air.time, air.values[:, 0])[:, None]
     return Motion(step, **joined, vane=record.inputs.vane_position, wind=wind), reading, entries
 
 

@@ -21,6 +21,8 @@ def check_fields(record: Record) -> Iterator[Finding]:
     """Yield what could not be read: fields, elements, joints, numbers that are none, quaternions of no length."""
     for where, reasons in record.failures.items():
         for reason, (count, text) in reasons.items():
+            if where in record.inputs.compared and where in record.series:
+                continue
             whole = where not in record.series and where.removeprefix("topics.") not in _filled(record)
             level = WRONG if whole or reason == "field" else DOUBTFUL
             share = "in every message" if whole else f"in {count} messages"
@@ -61,7 +63,8 @@ def check_rates(record: Record, configuration: Configuration) -> Iterator[Findin
             what += f"{configuration.sample_rate:g} Hz"
             yield Finding(level, "sample_rate", "sample_rate", what, f"sample_rate: {rate:.3g}")
     for name, series in record.series.items():
-        yield from _check_age(name, series, rate)
+        if name not in inputs.compared:
+            yield from _check_age(name, series, rate)
 
 
 def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:

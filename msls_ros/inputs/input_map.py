@@ -36,7 +36,8 @@ VECTORS: Mapping[str, tuple[str, ...]] = {
 }
 """Vectors that can be mapped, and what they give."""
 AIR_DATA = ("airspeed", "alpha", "beta")
-"""True airspeed [m/s], angle of attack and of sideslip [rad] at the vane: together they give u, v, w."""
+"""True airspeed [m/s], angle of attack and of sideslip [rad] at the vane: together they give u, v, w. An airspeed
+beside a velocity is only compared with it."""
 WIND = "wind"
 """Of the air over ground, in an earth frame: taken off a velocity over ground [m/s]."""
 SCALARS = ("states", "derivatives", "effectors")
@@ -149,6 +150,11 @@ class InputMap:
     """Of the accelerometer, from the centre of mass, FRD [m]."""
     vane_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where airspeed, alpha and beta are measured, from the centre of mass, FRD [m]."""
+
+    @property
+    def compared(self) -> tuple[str, ...]:
+        """Streams that no sample needs: `inspect` compares them with others."""
+        return () if "alpha" in self.streams else ("airspeed",)
 
     @classmethod
     def from_parameters(cls, values: Mapping[str, Any]) -> InputMap:

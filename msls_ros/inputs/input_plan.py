@@ -35,7 +35,7 @@ def plan(inputs: InputMap, states: tuple[str, ...], effectors: tuple[str, ...]) 
         needs["velocity"] = set(_ANGLES)
     needs[WIND] = {*_ANGLES, *_VELOCITY}
     needs["airspeed"] = set(_RATES) if any(inputs.vane_position) else set()
-    if any(inputs.vane_position) and "airspeed" not in inputs.streams:
+    if any(inputs.vane_position) and "alpha" not in inputs.streams:
         message = "inputs.vane_position is given, but no inputs.airspeed, alpha and beta"
         raise EstimationError(message)
     for name, needed in needs.items():
@@ -58,11 +58,12 @@ def _given(inputs: InputMap) -> dict[str, str]:
     """Return what is mapped, by the name of the number, and the entry that maps it."""
     given: dict[str, str] = {}
     air = [name for name in AIR_DATA if name in inputs.streams]
-    if air and len(air) < len(AIR_DATA):
+    alone = air == ["airspeed"] and not {"velocity", "states.u"}.isdisjoint(inputs.streams)  # `inspect` compares it
+    if air and len(air) < len(AIR_DATA) and not alone:
         missing = [name for name in AIR_DATA if name not in air]
         message = f"inputs.{air[0]} cannot be used without {listed(missing)}: map them too, or use inputs.velocity"
         raise EstimationError(message)
-    gives = {**VECTORS, **dict.fromkeys(AIR_DATA, ()), "airspeed": _VELOCITY, WIND: ()}
+    gives = {**VECTORS, **dict.fromkeys(AIR_DATA, ()), "airspeed": () if alone else _VELOCITY, WIND: ()}
     for name in inputs.streams:
         for number in gives.get(name, (name.removeprefix("states."),)):
             if number in given:

@@ -102,7 +102,7 @@ class Motion:
     airspeed: Array | None = None
     alpha: Array | None = None
     beta: Array | None = None
-    """(k, 1), all three or none; then there is no velocity."""
+    """(k, 1), all three in place of a velocity; or an airspeed beside it."""
     vane: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Where those are measured, from the centre of mass, FRD [m]."""
     wind: Array | None = None
@@ -149,6 +149,14 @@ class Motion:
                 ahead = np.einsum("ki,ki->k", turn[:, :, 0], velocity)
                 found["heading"] = 1.0 - float(ahead.sum() / speed.sum())
         return found
+
+    def air_speed(self, reading: Reading) -> Array | None:
+        """Return the size (k,) of the velocity less the wind [m/s]."""
+        turn = self._rotation(reading)
+        velocity = None if turn is None else self._velocity(turn, reading, None)
+        if velocity is None:
+            return None
+        return np.asarray(np.linalg.norm(velocity if self.wind is None else velocity - self.wind, axis=1))
 
     def _rotation(self, reading: Reading) -> Array | None:
         """Return the matrices (k, 3, 3) from FRD to NED."""

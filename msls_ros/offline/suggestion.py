@@ -29,7 +29,7 @@ _ASSUMED = (
     "put your own numbers in"
 )
 _DEGREES = "scale=0.01745329252"
-_VECTORS = ("velocity", "wind", "attitude", "angular_velocity", "angular_acceleration", "specific_force")
+_VECTORS = ("velocity", "wind", "airspeed", "attitude", "angular_velocity", "angular_acceleration", "specific_force")
 
 
 @dataclass
@@ -74,6 +74,8 @@ def suggest(reader: AnyReader) -> str:
     draft = _drafted(reader)
     record, _ = read_record(reader, InputMap.from_parameters(draft.parameters()), most=_LOOK)
     _drop(draft, record)
+    if "airspeed" not in record.series or "velocity" not in draft.lines:
+        draft.lines.pop("airspeed", None)  # no sensor, or nothing to compare it with
     return _render(draft, record)
 
 
@@ -127,6 +129,7 @@ def _px4(reader: AnyReader, kinds: dict[str, str]) -> Draft:
         ),
         "angular_acceleration": (("VehicleAngularVelocity", "xyz_derivative"),),
         "specific_force": (("VehicleAcceleration", "xyz"), ("SensorCombined", "accelerometer_m_s2")),
+        "airspeed": (("AirspeedValidated", "true_airspeed_m_s"), ("Airspeed", "true_airspeed_m_s")),
         "wind": (("Wind", "windspeed_north,windspeed_east"), ("WindEstimate", "windspeed_north,windspeed_east")),
     }  # fmt: skip
     options = {"attitude": " frame=frd/ned", "velocity": " frame=ned", "wind": " frame=ned hold=true age=10"}
@@ -180,6 +183,8 @@ def _ardupilot(reader: AnyReader, kinds: dict[str, str]) -> Draft:
             if topic("air", wind):
                 draft.lines["wind"] = "air VWN,VWE frame=ned hold=true age=10"
             break
+    if "velocity" in draft.lines and topic("pitot", "ARSP"):
+        draft.lines["airspeed"] = "pitot Airspeed"
     if topic("servos", "RCOU", " delay=-0.02"):
         draft.effectors = ardupilot_surfaces("servos", _first(reader, "/RCOU"), _parameters(reader))
     draft.assumed.append(_ASSUMED)
@@ -266,7 +271,7 @@ def _render(draft: Draft, record: Record) -> str:
         draft.clock = slow
         draft.assumed.append("samples are taken when a deflection was recorded: between two of them it is not known")
     used = {line.split()[0] for line in (*draft.lines.values(), *(s.line for s in draft.effectors.values()))}
-    held = {line.split()[0] for line in draft.lines.values() if "hold=true" in line}
+    held = {line.split()[0] for name, line in draft.lines.items() if "hold=true" in line or name == "airspeed"}
     slowest = min((rates[alias] for alias in used - held), default=10.0)
     speed = record.series.get("velocity")
     reference = float(np.median(np.linalg.norm(speed.values, axis=1))) if speed is not None else 20.0

@@ -54,7 +54,7 @@ def test_a_log_of_ardupilot_is_read_as_pymavlink_reads_it(flight: Flight, tmp_pa
             assert getattr(row, field) == pytest.approx(getattr(message, field), rel=1e-12), (topic, field)
         seen[topic] += 1
         count += 1
-    assert count == 2 * 200 + 3 * 100 + 2
+    assert count == 2 * 200 + 3 * 100 + 4
     assert {n: reader.log.parameters[n] for n in ARDUPILOT} == ARDUPILOT
 
 

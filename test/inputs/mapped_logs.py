@@ -25,6 +25,7 @@ _ULOG_FORMATS = {
     "sensor_combined": "uint64_t timestamp;float[3] gyro_rad;float[3] accelerometer_m_s2;",
     "actuator_servos": "uint64_t timestamp;uint64_t timestamp_sample;float[8] control;",
     "wind": "uint64_t timestamp;uint64_t timestamp_sample;float windspeed_north;float windspeed_east;",
+    "airspeed_validated": "uint64_t timestamp;float true_airspeed_m_s;",
 }
 
 
@@ -63,6 +64,8 @@ def write_ulog(
             put("actuator_servos", "QQ8f", us - DELAY_US + 10, us - DELAY_US, *control)
         if k % 100 == 0:
             put("wind", "QQ2f", us, us, *wind)
+        if k % 10 == 0:
+            put("airspeed_validated", "Qf", us, float(np.linalg.norm(x[:3])) if k > 50 else float("nan"))
     path.write_bytes(b"".join(parts))
     return path
 
@@ -76,6 +79,7 @@ _DATAFLASH = {
     "XKF1": (131, "QBfff", "TimeUS,C,VN,VE,VD"),
     "XKF2": (132, "QBff", "TimeUS,C,VWN,VWE"),
     "RCOU": (133, "QHHHH", "TimeUS,C1,C2,C3,C4"),
+    "ARSP": (134, "QBf", "TimeUS,I,Airspeed"),
 }
 _SIZES = {"Q": "Q", "N": "16s", "f": "f", "B": "B", "c": "h", "H": "H"}
 
@@ -121,5 +125,6 @@ def write_dataflash(path: Path, flight: Flight, parameters: Mapping[str, float] 
             parts.append(_record("RCOU", us - DELAY_US, one, two, 1500, four))
         if k % 100 == 0:
             parts.append(_record("XKF2", us, 0, 0.0, 0.0))
+            parts.append(_record("ARSP", us, 0, float(np.linalg.norm(x[:3]))))
     path.write_bytes(b"".join(parts))
     return path

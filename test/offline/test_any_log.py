@@ -16,10 +16,11 @@ from offline.replayed import run
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-from msls_ros.bags import LogReader
+from msls_ros.bags import LogReader, open_any
 from msls_ros.commands import inspect, report
 from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.offline.replay import load
+from msls_ros.offline.suggestion import suggest
 
 EPOCH = 1_790_000_000 * 10**9
 TRUTH = {"P/P": -8.0, "P/da": 40.0, "Q/Q": -5.0, "Q/de": -30.0, "R/dr": -12.0, "R/da": -2.0}
@@ -87,6 +88,7 @@ def test_a_log_of_any_kind_gives_the_flight_s_numbers_by_one_command(
     kind: str, flight: Flight, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     log = log_of(kind, flight, tmp_path)
+    assert ("\n      airspeed: " in suggest(open_any(log))) == kind.startswith("flight."), "where it is logged"
     code, out, err = run(capsys, log, "--out", tmp_path / "out", "--json", "--every", 10)
     assert (code, err) == (0, [])
     (summary,) = json.loads(out)
@@ -137,7 +139,7 @@ def test_the_page_of_a_foreign_log_in_one_step(
     monkeypatch.setattr(LogReader, "decode", counted)
     assert report.main([str(log), "--json"]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert decoded[0] < 2.1 * 4212, "messages are decoded for the map, then once for check and estimate together"
+    assert decoded[0] < 2.1 * 4332, "messages are decoded for the map, then once for check and estimate together"
     assert Path(summary["report"]) == tmp_path / "flight_report" / "report.html"
     assert {"trust", "model", "parameters", "flight"} <= set(summary["sections"])
     page = Path(summary["report"]).read_text()
