@@ -2,7 +2,8 @@
 
 References
 ----------
-PX4, parameters CA_SV_CSn_TYPE, CA_SV_CSn_TRIM (control surfaces), PWM_MAIN_FUNCn, _MINn, _MAXn, _REV (outputs).
+PX4, parameters CA_SV_CSn_TYPE, CA_SV_CSn_TRIM (control surfaces), PWM_MAIN_FUNCn, _MINn, _MAXn, _REV (outputs; PWM_AUX
+where those carry the servos).
 ArduPilot, parameters SERVOn_FUNCTION, _TRIM, _MIN, _MAX, _REVERSED.
 """
 
@@ -66,18 +67,18 @@ def px4_surfaces(alias: str, message: Any, parameters: Mapping[str, float]) -> d
 
 def _px4_outputs(alias: str, outputs: int, parameters: Mapping[str, float]) -> dict[str, Surface]:
     found: dict[str, Surface] = {}
-    reversed_bits = int(parameters.get("PWM_MAIN_REV", 0))
+    carried = [n for n, value in parameters.items() if "_FUNC" in n and 0 <= int(value) - _PX4_SERVO_1 < 8]
+    pins = "PWM_MAIN" if any(n.startswith("PWM_MAIN_") for n in carried) else "PWM_AUX"
+    reversed_bits = int(parameters.get(f"{pins}_REV", 0))
     for i in range(outputs):
-        servo = int(parameters.get(f"PWM_MAIN_FUNC{i + 1}", 0)) - _PX4_SERVO_1
+        servo = int(parameters.get(f"{pins}_FUNC{i + 1}", 0)) - _PX4_SERVO_1
         if not 0 <= servo < 8:
             continue
-        low, high = (
-            parameters.get(f"PWM_MAIN_{end}{i + 1}", value) for end, value in (("MIN", 1000.0), ("MAX", 2000.0))
-        )
+        low, high = (parameters.get(f"{pins}_{end}{i + 1}", value) for end, value in (("MIN", 1000.0), ("MAX", 2000.0)))
         turned = bool(reversed_bits >> i & 1)
         kind = int(parameters.get(f"CA_SV_CS{servo}_TYPE", -1))
         name = _free(_PX4_SURFACES.get(kind, f"servo{servo + 1}"), found)
-        about = f"PWM_MAIN_FUNC{i + 1} {servo + _PX4_SERVO_1}, {low:g} to {high:g} us{', reversed' if turned else ''}"
+        about = f"{pins}_FUNC{i + 1} {servo + _PX4_SERVO_1}, {low:g} to {high:g} us{', reversed' if turned else ''}"
         found[name] = Surface(f"{alias} output[{i}] {_pulse(0.5 * (low + high), low, high, turned)}", about)
     return found
 
