@@ -105,6 +105,8 @@ def _panel(panel: Panel, marks: Marks) -> str:
     for number, line in enumerate(panel.lines):
         style = line.style if line.style >= 0 else number % 8
         lines.append(_line(line, style, (low, high), marks))
+        if not line.name:  # the other side of a band: its first side stands in the key
+            continue
         key.append(
             f'<span><svg class="key" viewBox="0 0 26 6"><path class="line s{style}" d="M0 3h26"/></svg>'
             f'{escape(line.name)} <b data-line="{number}"></b></span>'

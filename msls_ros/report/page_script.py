@@ -50,8 +50,8 @@ SCRIPT = r"""
     if (!inView(p)) return;
     p.points = p.points || [...p.zoom.querySelectorAll('path.line')].map(e => read(e.getAttribute('d')));
     const x = SPAN * (at - p.own0) / (p.own1 - p.own0);
-    p.values.forEach((o, i) => {
-      const y = value(p.points[i], x);
+    p.values.forEach(o => {
+      const y = value(p.points[+o.dataset.line], x);
       o.textContent = text(p.y1 - (p.y1 - p.y0) * y / HEIGHT);
     });
   };

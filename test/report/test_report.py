@@ -164,6 +164,11 @@ def test_the_detector_is_computed_again_and_equals_what_was_recorded(whole: Made
     assert "equals the recorded one bit for bit in all 261 models" in whole.summary["agreement"]
 
 
+def test_every_line_in_a_key_has_a_name(whole: Made) -> None:
+    names = re.findall(r"</svg>([^<]*) <b data-line=", whole.path.read_text(encoding="utf-8"))
+    assert len(names) > 40 and all(name.strip() for name in names)
+
+
 def test_the_page_is_complete_in_itself_and_small(whole: Made) -> None:
     html = whole.path.read_text(encoding="utf-8")
     page = Page(html)
