@@ -61,6 +61,7 @@ def _what_changed(events: Sequence[Event], slow: Sequence[SlowChange]) -> str:
     for change in slow:
         what = f"{change.name} {number(change.before)} → {number(change.after)}"
         parts.append(f"{what} between {change.begin:.1f} and {change.end:.1f} s, without an alarm")
+    parts = [*parts[:1], *(part[:1].lower() + part[1:] if part[1:2].islower() else part for part in parts[1:])]
     return ("; ".join(parts) or "Nothing changed: no abrupt change, and no slow one that is sure") + "."
 
 

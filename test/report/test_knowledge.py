@@ -10,6 +10,7 @@ import pytest
 from msls_ros.report.knowledge import gather_knowledge, slow_changes
 from msls_ros.report.recorded import Array, Event, Models
 from msls_ros.report.style import causal_rms, number
+from msls_ros.report.verdict import _what_changed
 
 
 def models(value: Array, std: Array, reliable: Array) -> Models:
@@ -78,6 +79,11 @@ def test_what_was_reliable_for_a_moment_only_is_not_known(until: float) -> None:
     reliable = (np.abs(TIME - 10.0) < 0.5 * until).astype(float)
     known = gather_knowledge(models(20.0 + 0.0 * TIME, np.where(reliable, 0.5, 40.0), reliable), [])
     assert known.known.any() == (until > 1.0)
+
+
+def test_several_alarms_make_one_sentence() -> None:
+    said = _what_changed([alarm(4.0), alarm(8.0)], [])
+    assert said.startswith("Abrupt change of dP/dt at 4.00 s") and "; abrupt change of dP/dt at 8.00 s" in said
 
 
 def test_the_rms_looks_back_only() -> None:
