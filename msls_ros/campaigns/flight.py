@@ -63,11 +63,14 @@ class Cell:
     """Parameters of the identifier by full name, other than the scenario has them."""
     configuration: Configuration
     """Of the scenario at this noise with the setting; the seed of the dither is the flight's."""
+    as_configured: bool = False
+    """Whether the setting is what the scenario has anyway."""
 
     @property
     def label(self) -> str:
         """The setting in a few words; empty: none."""
-        return " ".join(f"{SHORT.get(name, name)}={_word(value)}" for name, value in self.setting)
+        words = [f"{SHORT.get(name, name)}={_word(value)}" for name, value in self.setting]
+        return " ".join([*words, "(as configured)"] if self.as_configured else words)
 
     def flight_key(self, seed: int) -> str:
         """Return a digest of all that decides a flight, our code included; what does not (a comment) is not in it."""

@@ -87,7 +87,9 @@ def plan(
             base = scenario.configuration(noise, 0, dither)
             for one in _settings(base, scenario.law, comparisons):
                 changes = {name: value for name, value in one if not _of_law(name)}
-                cells.append(Cell(_with_law(scenario, one), noise, one, base.replace(changes)))
+                known = as_mapping(base)
+                same = bool(one) and all(known.get(name) == value for name, value in one)
+                cells.append(Cell(_with_law(scenario, one), noise, one, base.replace(changes), same))
     return cells
 
 
@@ -130,7 +132,8 @@ def _settings(
             raise PlanError(message)
         if name not in known:
             near = nearest(name, (*FULL, *known, *(full.rpartition(".")[2] for full in known)))
-            message = f"--compare: parameter '{name}' does not exist{near}; there are {', '.join((*FULL, *known))}"
+            there = " There are" if near else "; there are"
+            message = f"--compare: parameter '{name}' does not exist{near}{there} {', '.join((*FULL, *known))}"
             raise PlanError(message)
         if isinstance(known[name], tuple):
             message = f"--compare {name}: it is a list; expected a parameter of one number or word"

@@ -14,7 +14,7 @@ from msls_ros.estimation.estimate import EventKind
 Array = NDArray[np.float64]
 EPOCH = 100_000_000_000_000
 """Stamps beyond this count from somewhere else than the flight's beginning [ns]."""
-LASTING = 1.0
+LEAST_TIME = 1.0
 """A number is known that has been reliable for so long, or is so at the end; among many, some seem sure briefly [s]."""
 
 
@@ -45,7 +45,7 @@ class BestModel:
         self._score = self._value = self._std = self._time = np.zeros((0, 0))
         self._last: NDArray[np.bool_] = np.zeros((0, 0), np.bool_)
         self._end = (self._score, self._score)
-        self._lasted, self._newest = self._score, 0.0
+        self._reliable_time, self._newest = self._score, 0.0
 
     def take(self, models: Sequence[Estimate], events: Sequence[FaultEvent]) -> None:
         """Take a block of models, and the events of its time."""
@@ -56,7 +56,7 @@ class BestModel:
             shape = (len(states), len(states) + len(effectors))
             self._names = states, (*states, *effectors)
             self._score = np.full(shape, np.inf)
-            self._value, self._std, self._time, self._lasted = (np.zeros(shape) for _ in range(4))
+            self._value, self._std, self._time, self._reliable_time = (np.zeros(shape) for _ in range(4))
             self._newest = models[0].time
         begin = 0
         for event in [e for e in events if e.kind == EventKind.DETECTED]:
@@ -66,7 +66,7 @@ class BestModel:
             for name in event.equations:
                 if name in self._names[0]:
                     row = self._names[0].index(name)
-                    self._score[row], self._lasted[row] = np.inf, 0.0
+                    self._score[row], self._reliable_time[row] = np.inf, 0.0
         self._take(models[begin:])
 
     def _take(self, models: Sequence[Estimate]) -> None:
@@ -87,17 +87,17 @@ class BestModel:
             (self._std, np.take_along_axis(std, at, 0)[0]), (self._time, times[at[0]]),
         ):  # fmt: skip
             own[better] = new[better]
-        self._lasted += np.tensordot(np.diff(times, prepend=self._newest), reliable, axes=1)
+        self._reliable_time += np.tensordot(np.diff(times, prepend=self._newest), reliable, axes=1)
         self._last, self._end, self._newest = reliable[-1], (value[-1], std[-1]), float(times[-1])
 
     @property
     def known(self) -> list[Known]:
-        """All numbers that were reliable, since the last alarm of their equation, row by row; see `LASTING`.
+        """All numbers that were reliable, since the last alarm of their equation, row by row; see `LEAST_TIME`.
 
         A number that the last model contradicts, beyond three standard errors of both, is not among them.
         """
         rows, columns = self._names
-        lasting = self._last | (self._lasted > LASTING - 1e-6)
+        long_enough = self._last | (self._reliable_time > LEAST_TIME - 1e-6)
         with np.errstate(invalid="ignore"):
             apart = np.abs(self._value - self._end[0]) > 3.0 * np.hypot(self._std, self._end[1])
         return [
@@ -105,7 +105,7 @@ class BestModel:
                 rows[i], columns[j], float(self._value[i, j]), float(self._std[i, j]), float(self._time[i, j]),
                 bool(self._last[i, j]),
             )
-            for i, j in np.argwhere(np.isfinite(self._score) & lasting & ~apart).tolist()
+            for i, j in np.argwhere(np.isfinite(self._score) & long_enough & ~apart).tolist()
         ]  # fmt: skip
 
     @property

@@ -260,7 +260,7 @@ def test_comparisons_fly_all_combinations_and_rls_has_the_same_lambda(
     [
         (["--compare", "lambda=0.9,1.5"], "parameter 'estimator.forgetting_factor' is 1.5; it must be in [0.01, 1]"),
         (["--compare", "T=7,many"], "parameter 'detector.threshold' is 'many'; it must be a number"),
-        (["--compare", "lamda=0.9"], "parameter 'lamda' does not exist; did you mean 'lambda'?; there are lambda, "),
+        (["--compare", "lamda=0.9"], "parameter 'lamda' does not exist; did you mean 'lambda'? There are lambda, "),
         (["--compare", "dither.seed=1,2"], "dither.seed: it cannot be compared, the seed gives it"),
         (["--compare", "dither.weights=1,2"], "dither.weights: it is a list; expected a parameter of one number"),
         (["--compare", "penalty=1e-3,0.001"], "estimator.penalty: '0.001' is there twice; expected each once"),
