@@ -23,6 +23,8 @@ from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
+LIKELY = 1.0 / 3.0
+"""Share of the threshold that suffices for other rows where one has just alarmed: what noise reaches once in 1e3."""
 FURTHER = 4.0
 """Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
@@ -67,11 +69,19 @@ def sense_bank(
         square = sharp * sharp
         surprise = square / expected
         statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
-        if statistic[q] > s.threshold and x.learning[0] == 0:
+        limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
+        if statistic[q] > limit and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
         else:
             remember_square(s, x, q, square, surprise)
+    if x.alert[0] > 0:
+        x.alert[0] -= 1
+    elif any_alarm:
+        x.alert[0] = x.ring.shape[1]
+        for q in range(y.shape[0]):
+            if statistic[q] > LIKELY * s.threshold:
+                alarm[q] = 1
     return any_alarm
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from msls_ros.estimation.bank_isolation import Losses
 from msls_ros.estimation.bank_losses import compare_surfaces
+from msls_ros.estimation.bank_restoring import restore_effectors
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
@@ -158,6 +159,12 @@ class BankRegression:
     def recovered(self, row: int) -> bool:
         """Whether a row that had an alarm is long back at its normal settings."""
         return bool(self.age(row) >= 4 * self.theta.shape[1])
+
+    def restore(self, rows: Sequence[int], surface: int) -> None:
+        """Let rows that have begun anew take back what they knew of all surfaces but the one that is named."""
+        self._work.concerned[:] = 0
+        self._work.concerned[list(rows)] = 1
+        restore_effectors(self.settings, self.state, surface, self._work)
 
     def settle(self, row: int) -> None:
         """Let go of what was known of a row before its alarm."""

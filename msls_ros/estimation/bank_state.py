@@ -212,6 +212,8 @@ class BankState(NamedTuple):
     """(1,) samples since the last reset."""
     learning: Integers
     """(1,) samples left in which what is excited for the first time is learnt, not alarmed."""
+    alert: Integers
+    """(1,) samples left in which an alarm of another row is likely."""
     waiting: Integers
     """(g,) samples left that straddle a change."""
     square: Array
@@ -347,6 +349,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
         learning=np.zeros(1, np.int64),
+        alert=np.zeros(1, np.int64),
         waiting=np.zeros(groups, np.int64),
         square=np.zeros((rows, p)),
         best=np.zeros((rows, p)),

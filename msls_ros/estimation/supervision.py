@@ -130,6 +130,8 @@ class Supervisor:
         found = [q for q, since in sorted(self._isolating.items()) if time - since >= least]
         losses = regression.losses(found) if found and isinstance(regression, BankRegression) else None
         name = self._decision.take(find_name(losses, self._surfaces, limits) if losses else None)
+        if name is not None and isinstance(regression, BankRegression):
+            self._restore(time, regression, name.surface)
         for q, since in sorted(self._isolating.items()):
             if (name is not None and q in found) or time - since > limits.window:
                 del self._isolating[q]
@@ -145,6 +147,12 @@ class Supervisor:
         )
         of = (name.statistic,), (limits.significance,)
         return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
+
+    def _restore(self, time: float, regression: BankRegression, surface: str) -> None:
+        """Give the rows that the alarm has begun anew what they knew of all other surfaces than the one named."""
+        rate = self._c.sample_rate
+        begun = [q for q, since in sorted(self._isolating.items()) if regression.age(q) < (time - since) * rate + 1.5]
+        regression.restore(begun, [one.name for one in self._surfaces].index(surface))
 
     def _suspects(self, regression: Engine, q: int) -> list[Suspect]:
         """Return the columns that changed in row q: effectors, or else states, within the limits."""

@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "4d69b055e2641a5b5b94cd836f971e31"
+PINNED = "c9b4d012670b54dd53eba5e33da42b3b"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

@@ -1,0 +1,80 @@
+"""What follows a name: other surfaces' effects are taken back; and other rows alarm sooner where one has alarmed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation.test_bank import PERIOD, SMALL, uniform
+from estimation.test_bank_losses import Flight, engine_of
+
+from msls_ros.estimation import EventKind, Identifier, from_mapping
+from msls_ros.estimation.bank_detection import LIKELY
+from msls_ros.estimation.bank_losses import TOLERANCE
+from msls_ros.estimation.bank_regression import BankRegression
+
+FAULT = 250
+
+
+def broken(left: float, on_r: float = 0.0, n: int = 300) -> Flight:
+    """Return a flight in little noise in which da keeps a share of its effect on P, and R jumps by so much."""
+    x, delta = 0.25 * uniform(n, 3, 1), 0.125 * uniform(n, 2, 2)
+    xdot = 0.01 * uniform(n, 3, 3)
+    share = np.where(np.arange(n) < FAULT, 1.0, left)
+    xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * share * delta[:, 0] + 3.0 * delta[:, 1]
+    xdot[:, 1] += -1.0 * x[:, 1] - 4.0 * delta[:, 1]
+    xdot[:, 2] += -0.5 * x[:, 2]
+    xdot[FAULT:, 2] += on_r
+    return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
+
+
+def broken_off(samples: int) -> tuple[Identifier, BankRegression]:
+    """Return an identifier so many samples after da was lost."""
+    identifier = Identifier(from_mapping(SMALL))
+    identifier.run(*broken(0.0, n=FAULT + samples))
+    return identifier, engine_of(identifier)
+
+
+def test_restoring_adds_the_information_of_before_but_for_the_direction_of_the_named_surface() -> None:
+    _, engine = broken_off(6)
+    s, x = engine.settings, engine.state
+    (row,) = np.flatnonzero(x.pending)
+    g, first = x.group[row], s.effectors_from + 1
+    noise, before = x.base[row, 0] / x.base[row, 1], x.theta_before[row].copy()
+    known = np.zeros(len(before))
+    known[first:] = noise / (x.square_before[row] + (TOLERANCE * before) ** 2)[first:]
+    a = np.zeros(len(before))
+    a[first:] = s.gains[0]
+    added = np.diag(known) - np.outer(known * a, a * known) / (a @ (known * a))
+    R, members = x.R[g].copy(), x.members[row].copy()
+    engine.restore([int(row)], 0)
+    for m in range(R.shape[2]):
+        information = R[:, :, m].T @ R[:, :, m]
+        np.testing.assert_allclose(x.R[g, :, :, m].T @ x.R[g, :, :, m], information + added, rtol=1e-9, atol=1e-12)
+        expected = np.linalg.solve(information + added, information @ members[:, m] + added @ before)
+        np.testing.assert_allclose(x.members[row, :, m], expected, rtol=1e-6, atol=1e-6)
+    assert added[first:, first:] @ s.gains[0] == pytest.approx(0.0, abs=1e-15)
+    once = x.R[g].copy()
+    engine.restore([int(row)], 0)
+    assert np.array_equal(x.R[g], once), "the same knowledge is taken back once"
+
+
+def test_a_name_takes_the_other_effects_back() -> None:
+    errors = {}
+    for restored in (False, True):
+        identifier = Identifier(from_mapping(SMALL))
+        if not restored:
+            engine_of(identifier).restore = lambda rows, surface: None  # type: ignore[method-assign]
+        estimates = identifier.run(*broken(0.0)).estimates
+        named = next(i for i, e in enumerate(estimates) if any(v.kind == EventKind.ISOLATED for v in e.events))
+        errors[restored] = abs(estimates[named + 1].b[0, 1] - 3.0)
+    assert errors[True] < 0.5 * errors[False]
+
+
+@pytest.mark.parametrize("beside", [False, True])
+def test_a_change_too_small_to_be_alarmed_alone_is_where_another_row_alarms(beside: bool) -> None:
+    flight = broken(0.0 if beside else 1.0, on_r=0.035)
+    identifier = Identifier(from_mapping(SMALL))
+    alarms = [v for e in identifier.run(*flight).estimates for v in e.events if v.kind == EventKind.DETECTED]
+    at_once = [name for event in alarms if event.time < PERIOD * (FAULT + 2) for name in event.equations]
+    assert ("R" in at_once) == beside
+    assert LIKELY < 1.0
