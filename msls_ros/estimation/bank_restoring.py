@@ -3,7 +3,8 @@
 An alarm begins its rows anew, and for as many samples as there are coefficients their estimates hang on few data. Once
 it is settled which surface was lost (`bank_isolation`), what was known of the others holds again. For each group of
 rows that alarmed, with ``v_j`` the variance of effector j's effect before, over its residual's variance (the largest of
-the rows), and a the direction of the named surface, of which nothing is taken back::
+the rows; with what late responses do to it, and `TOLERANCE` of its size, for effects are not wholly linear), and a the
+direction of the named surface, of which nothing is taken back::
 
     information added = P' D P,    D = diag(1 / v_j),    P = I - a a'D / (a'D a)
 
@@ -16,6 +17,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import correct, find_information, rotate, solve_gains
+from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
 from msls_ros.estimation.compiled import compiled
@@ -87,7 +89,7 @@ def information_before(x: BankState, g: int, i: int) -> float:
         if x.group[q] != g:
             continue
         slack = TOLERANCE * x.theta_before[q, i]
-        variance = x.square_before[q, i] + slack * slack
+        variance = x.square_before[q, i] + lag_square(x, q, i) + slack * slack
         if x.pending[q] == 0 or x.base[q, 1] <= 0.0 or not 0.0 < variance < math.inf:
             return 0.0
         least = min(least, x.base[q, 0] / x.base[q, 1] / variance)

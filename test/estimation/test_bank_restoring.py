@@ -9,6 +9,7 @@ from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank_detection import LIKELY
+from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_regression import BankRegression
 
@@ -41,7 +42,8 @@ def test_restoring_adds_the_information_of_before_but_for_the_direction_of_the_n
     g, first = x.group[row], s.effectors_from + 1
     noise, before = x.base[row, 0] / x.base[row, 1], x.theta_before[row].copy()
     known = np.zeros(len(before))
-    known[first:] = noise / (x.square_before[row] + (TOLERANCE * before) ** 2)[first:]
+    late = np.array([lag_square(x, int(row), i) for i in range(len(before))])
+    known[first:] = noise / (x.square_before[row] + late + (TOLERANCE * before) ** 2)[first:]
     a = np.zeros(len(before))
     a[first:] = s.gains[0]
     added = np.diag(known) - np.outer(known * a, a * known) / (a @ (known * a))
