@@ -115,7 +115,7 @@ def test_without_noise_it_settles_soon_and_in_a_third_of_the_time_of_rls(
 
 
 def test_without_noise_the_median_peak_of_rls_is_twice_that_of_the_bank(flights: Flights) -> None:
-    """With eq 23's dither: three times as much keeps RLS close. Of 16 flights the median is 2.25; single ones .9 to 3.9."""
+    """With eq 23's dither: more keeps RLS close. Of 16 flights the median is 2.25; single ones .9 to 3.9."""
     found = [flights("roll_doublet_tail_fault", "none", seed, literal=True).summary["b43"] for seed in (0, 1, 2)]
     assert median(b["rls"]["peak_error"] / b["bank"]["peak_error"] for b in found) >= 2.0
 
