@@ -8,11 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from msls_ros.control.linear import Array
+from msls_ros.estimation.kinematics import GRAVITY
 
 LEAST_SPEED = 1.0
 """[m/s]"""
-GRAVITY = 9.80665
-"""[m/s^2]"""
 
 
 class Motion(NamedTuple):
@@ -30,8 +29,8 @@ class Motion(NamedTuple):
     """About the velocity vector [rad/s]."""
     pitch_rate: float
     """[rad/s]"""
-    alpha_turn: float = 0.0
-    beta_turn: float = 0.0
+    alpha_turn: float
+    beta_turn: float
     """What the turn of gravity in the body axes adds to the second derivatives of alpha and beta [rad/s^2]."""
 
 

@@ -12,6 +12,9 @@ is that of the reference member, the longest memory, and ``n`` by how much a reg
 what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
 five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
 added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
+
+A fault seldom shows in one equation alone: with the first alarm, and for the longest window after it, a third of the
+threshold suffices for the other rows (`LIKELY`).
 """
 
 from __future__ import annotations

@@ -27,12 +27,7 @@ more from 3 on.
 def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
     """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone."""
     for g in range(x.age.shape[0]):
-        inside = 0
-        others = 0
-        for q in range(x.group.shape[0]):
-            if x.group[q] == g:
-                inside += work.concerned[q]
-                others += 1 - work.concerned[q]
+        inside, others = count_rows(x, g, work)
         if inside == 0:
             continue
         target = g if others == 0 else empty_group(x)
@@ -53,6 +48,18 @@ def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0
+
+
+@compiled
+def count_rows(x: BankState, g: int, work: BankWork) -> tuple[int, int]:
+    """Count the rows of group g that are marked in ``work.concerned``, and those that are not."""
+    inside = 0
+    others = 0
+    for q in range(x.group.shape[0]):
+        if x.group[q] == g:
+            inside += work.concerned[q]
+            others += 1 - work.concerned[q]
+    return inside, others
 
 
 @compiled

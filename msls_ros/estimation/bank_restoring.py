@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import correct, find_information, rotate, solve_gains
+from msls_ros.estimation.bank_forgetting import count_rows
 from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
@@ -27,12 +28,7 @@ from msls_ros.estimation.compiled import compiled
 def restore_effectors(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
     """Take back what the rows marked in ``work.concerned`` knew of all effectors but in the direction of surface k."""
     for g in range(x.age.shape[0]):
-        inside = 0
-        others = 0
-        for q in range(x.group.shape[0]):
-            if x.group[q] == g:
-                inside += work.concerned[q]
-                others += 1 - work.concerned[q]
+        inside, others = count_rows(x, g, work)
         if inside > 0 and others == 0 and not has_restored(s, x, g):
             restore_group(s, x, g, k, work)
 

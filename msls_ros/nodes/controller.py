@@ -167,8 +167,8 @@ class ControllerNode(LifecycleNode):
                 self._model = message
             elif topic == "dither":
                 self._dithers[messages.stamp_of(message)] = self._inputs._read_dither(message)
-                if len(self._dithers) > KEPT:
-                    del self._dithers[min(self._dithers)]
+                if len(self._dithers) > KEPT:  # the first that came: time may have jumped back since
+                    del self._dithers[next(iter(self._dithers))]
         except Refused as refused:
             self._refusals.take(refused)
             return
@@ -186,9 +186,8 @@ class ControllerNode(LifecycleNode):
             command = self._command if fresh else NO_COMMAND
         try:
             model = self._newest_model(seconds)
-            if not self._p[
-                "lockstep"
-            ]:  # this sample's dither may have come or not: that of the last one is sure to have
+            if not self._p["lockstep"]:
+                # This sample's dither may have come or not; that of the last one has.
                 self._controller.added(self._dithers.get(self._answered_stamp))
                 dither = None
             delta, status = self._controller.update(seconds, found.x, found.xdot, found.delta, command, model, dither)

@@ -8,7 +8,6 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank_detection import LIKELY
 from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_regression import BankRegression
@@ -79,4 +78,3 @@ def test_a_change_too_small_to_be_alarmed_alone_is_where_another_row_alarms(besi
     alarms = [v for e in identifier.run(*flight).estimates for v in e.events if v.kind == EventKind.DETECTED]
     at_once = [name for event in alarms if event.time < PERIOD * (FAULT + 2) for name in event.equations]
     assert ("R" in at_once) == beside
-    assert LIKELY < 1.0
