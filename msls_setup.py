@@ -440,7 +440,9 @@ def test(arguments: Sequence[str], env: Dict[str, str]) -> NoReturn:
         for process in compiling:
             process.wait()  # what it could not compile, a test will name
     say("pytest")
-    execute([PYTHON, "-m", "pytest", *(arguments or ("--numprocesses=auto", "--dist=loadfile"))], env)
+    # A process of pytest that died is not replaced: its files would be handed out again, and the rest wait for ever.
+    every = ("--numprocesses=auto", "--dist=loadfile", "--max-worker-restart=0")
+    execute([PYTHON, "-m", "pytest", *(arguments or every)], env)
 
 
 def main(arguments: Sequence[str]) -> Optional[int]:
