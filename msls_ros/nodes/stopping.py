@@ -2,11 +2,13 @@
 
 The signals are noted at once by a thread, whatever the main thread is busy with (an import, a compiler, a wait for
 messages). While the node starts, nothing has been said that would need taking back: the process ends there and then
-with exit code 0. Once it runs, whoever waits is woken and ends in order.
+with exit code 0. Once it runs, whoever waits is woken and ends in order. Who does not within `PATIENCE`, in a
+middleware that waits for itself, say, ends with exit code 1, and stderr has the stacks of all threads.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import os
 import signal
 import sys
@@ -15,6 +17,8 @@ from collections.abc import Callable
 from types import TracebackType
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
+PATIENCE = 30.0
+"""Wall clock that a node has to end after the first signal [s]; a goodbye and the end of a bag take far less."""
 
 
 class Stopping:
@@ -40,6 +44,8 @@ class Stopping:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Give them back; after one has come further ones are ignored, the process is ending."""
+        if self.asked:
+            faulthandler.cancel_dump_traceback_later()
         signal.set_wakeup_fd(self._fd)
         for number, handler in self._handlers.items():
             signal.signal(number, signal.SIG_IGN if self.asked else handler)
@@ -65,6 +71,9 @@ class Stopping:
             if number[0] in SIGNALS:
                 if self._wake is None:
                     os._exit(0)
+                if not self.asked and sys.__stderr__ is not None:
+                    # From a thread that needs no lock of the interpreter.
+                    faulthandler.dump_traceback_later(PATIENCE, exit=True, file=sys.__stderr__)
                 self.asked = True
                 self._wake()
         os.close(self._read)

@@ -110,3 +110,32 @@ def test_held_back_by_who_starts_it_a_signal_comes_when_the_node_can_take_it(nod
     process.send_signal(how)  # while Python itself begins
     _, err = process.communicate(timeout=LIMIT)
     assert (process.returncode, err) == (0, "")
+
+
+STUCK = """
+import sys, threading
+import msls_ros.nodes.stopping as stopping
+stopping.PATIENCE = 0.2
+with stopping.Stopping() as one:
+    woken = threading.Event()
+    one.wake_with(woken.set)
+    print("waiting", flush=True)
+    woken.wait()
+    def teardown():
+        threading.Event().wait()
+    teardown()
+"""
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM], ids=["SIGINT", "SIGTERM"])
+def test_who_does_not_end_after_the_signal_is_ended_and_says_where_it_was(how: signal.Signals) -> None:
+    process = subprocess.Popen([sys.executable, "-c", STUCK], text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    try:
+        assert process.stdout is not None and process.stdout.readline() == "waiting\n"
+        process.send_signal(how)
+        _, err = process.communicate(timeout=LIMIT)
+    finally:
+        process.kill()
+        process.wait()
+    assert process.returncode == 1
+    assert "Timeout (" in err and "in teardown" in err
