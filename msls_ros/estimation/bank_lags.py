@@ -102,13 +102,13 @@ def regress_steps(x: BankState, factor: Array, w: Array) -> None:
         for n in range(p):
             w[n] = 0.0
         w[i] = 1.0
-        variance = solve_forward(factor, w)
+        variance = solve_forward(factor, w, i)
         x.quick_info[i] = 1.0 / variance if variance > 0.0 else 0.0
     for j in range(x.late.shape[0]):
         late = x.late[j]
         for i in range(p):
             late[i] = x.quick_moment[j, i]
-        left = x.quick_power[j] - solve_forward(factor, late)
+        left = x.quick_power[j] - solve_forward(factor, late, 0)
         for i in range(p - 1, -1, -1):
             total = late[i]
             for k in range(i + 1, p):
@@ -118,12 +118,12 @@ def regress_steps(x: BankState, factor: Array, w: Array) -> None:
 
 
 @compiled
-def solve_forward(factor: Array, w: Array) -> float:
-    """Solve ``L y = w`` in place, pivots inverted; return ``y'y``."""
+def solve_forward(factor: Array, w: Array, start: int) -> float:
+    """Solve ``L y = w`` in place, pivots inverted, w zero before ``start``; return ``y'y``."""
     size = 0.0
-    for i in range(w.shape[0]):
+    for i in range(start, w.shape[0]):
         total = w[i]
-        for k in range(i):
+        for k in range(start, i):
             total -= factor[i, k] * w[k]
         w[i] = total * factor[i, i]
         size += w[i] * w[i]

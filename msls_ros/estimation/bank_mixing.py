@@ -111,16 +111,16 @@ def weigh(s: BankSettings, x: BankState, q: int, exponent: Array) -> None:
         (m,) scratch.
     """
     best = -math.inf
-    for m in range(exponent.shape[0]):
+    for m in range(s.members):
         squares = (x.evidence[q, 0, m] + TINY) * (x.evidence[q, 1, m] + TINY)
         exponent[m] = -0.5 * s.power * (x.judged[q] * logarithm(squares) + 2.0 * x.evidence[q, 2, m])
         best = max(best, exponent[m])
     total = 0.0
-    for m in range(exponent.shape[0]):
+    for m in range(s.members):
         lag = exponent[m] - best
         x.weight[q, m] = exponential(lag) if lag > NOTHING else 0.0
         total += x.weight[q, m]
-    for m in range(exponent.shape[0]):
+    for m in range(s.members):
         x.weight[q, m] /= total
 
 
@@ -177,12 +177,15 @@ def mix(x: BankState, q: int, y: float, phi: Array, products: Array) -> None:
 
 @compiled
 def sum_members(values: Array) -> float:
-    """Sum (m,) numbers in one fixed order, four chains at a time: additions wait for each other only within a chain."""
+    """Sum (m,) numbers in one fixed order, four chains at a time: additions wait for each other only within a chain.
+
+    Zeros at the end, up to the next multiple of four, change no bit.
+    """
     a = 0.0
     b = 0.0
     c = 0.0
     d = 0.0
-    quarters = values.shape[0] // 4
+    quarters = (values.shape[0] - 1) // 4
     for k in range(quarters):
         a += values[4 * k]
         b += values[4 * k + 1]

@@ -50,6 +50,9 @@ LEARNING = 1.0
 """After a first excitation [s]; the longest window of the detector besides."""
 LOSSES = ((0.4, 1.0), (1.5, 3.0))
 """Memories in which losses of surfaces are looked for, and by how much older what they are compared with is [s]."""
+LANES = 4
+"""Numbers that a vector instruction takes: the arrays hold the last member again until theirs is a multiple of it, for
+what is left over costs as much as four times its number. A tenth of the time of a sample at 39 members."""
 STRIDE = 0.1
 """Between estimates that are kept to compare with [s]."""
 QUICK = 0.1
@@ -102,7 +105,8 @@ def make_bank_settings(
     threshold
         Of the detector.
     """
-    tau, pi, kappa, held = (np.array(column, dtype=np.float64) for column in zip(*grid, strict=True))
+    whole = [*grid, *[grid[-1]] * (-len(grid) % LANES)]
+    tau, pi, kappa, held = (np.array(column, dtype=np.float64) for column in zip(*whole, strict=True))
     sigma = np.concatenate([[0.0], SIGMA * scale[:-1]])
     prior = sigma[:, None] / pi[None, :]
     prior[0] = 1.0 / np.maximum(pi, CONSTANT_PRIOR)
@@ -111,6 +115,7 @@ def make_bank_settings(
     late = max(1, round(LATE / period))
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
+        members=len(grid),
         forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
         held=held.astype(np.int64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),

@@ -18,6 +18,8 @@ from msls_ros.estimation.kernel import Array, Integers
 class BankSettings(NamedTuple):
     """What the loop needs to know; p regressors, m members, w windows."""
 
+    members: int
+    """How many there are; arrays of m hold the last one again, with no share, to the end of a vector."""
     forgetting: Array
     """(m,) lambda of each member, per sample [1]."""
     held: Integers
@@ -379,7 +381,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     """Start anew: nothing known, estimates zero, all rows in group 0."""
     for array in x:
         array[...] = 0
-    x.weight[:] = 1.0 / len(s.forgetting)
+    x.weight[:, : s.members] = 1.0 / s.members
     x.known[:] = 1.0
     x.e[:] = math.nan
     x.best_square[:] = math.inf

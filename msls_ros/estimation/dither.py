@@ -119,10 +119,10 @@ class DitherLaw:
         return self._zeros(len(time))
 
     def _zeros(self, count: int) -> DitherBlock:
-        zero = np.zeros(count)
-        level, why = np.zeros(count, np.int64), np.empty(count, np.int64)
+        level, why = np.zeros((2, count), np.int64)
         why.fill(FROZEN)
-        return DitherBlock(np.zeros((count, self._effectors)), zero, zero.copy(), zero.copy(), level, why)
+        rms, predicted, limit = np.zeros((3, count))
+        return DitherBlock(np.zeros((count, self._effectors)), rms, predicted, limit, level, why)
 
 
 def _limits(configuration: Configuration) -> Array:

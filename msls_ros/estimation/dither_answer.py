@@ -64,9 +64,9 @@ class DitherBlock(NamedTuple):
         """Return the dither that answers sample k."""
         return Dither(
             self.delta[k],
-            float(self.rms[k]),
-            float(self.predicted_acceleration[k]),
-            float(self.acceleration_limit[k]),
-            Level(int(self.level[k])),
-            REASONS[int(self.reason[k])],
+            self.rms.item(k),
+            self.predicted_acceleration.item(k),
+            self.acceleration_limit.item(k),
+            Level(self.level.item(k)),
+            REASONS[self.reason.item(k)],
         )

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -29,9 +29,11 @@ from msls_ros.estimation.kinematics import build_regression
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.estimation.soundness import SOUND, all_within
-from msls_ros.estimation.state import COLOURS
+from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
 
+CHUNK = 4096
+"""Samples that `Identifier.run` has memory for at a time."""
 LARGEST = 1e12
 """Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
 
@@ -47,6 +49,22 @@ class Run:
     """The estimate that is followed after each sample, block by block; see `Identifier.follow`."""
     signals: list[tuple[Array, Array]]
     """Prediction errors and change statistics (k, r) of each sample, block by block; none where nothing is learnt."""
+
+
+class Samples(NamedTuple):
+    """Checked samples as the compiled loop takes them: k of n states and m effectors, p regressors, r rows."""
+
+    time: Array
+    """(k,) [s]."""
+    x: Array
+    xdot: Array
+    delta: Array
+    """(k, n), (k, n), (k, m)."""
+    phi: Array
+    y: Array
+    """(k, p) and (k, r): what is regressed on what; not filled where nothing is learnt."""
+    out: Output
+    """What the loop says of them."""
 
 
 class Identifier:
@@ -208,7 +226,7 @@ class Identifier:
         """
         sample = np.array([time], dtype=np.float64), _two(x), _two(xdot), _two(delta)
         self._check(*sample)
-        self._take(*sample)
+        self._take(self._prepare(*sample), 0, 1)
         return self._dither
 
     def follow(self, row: str, column: str) -> None:
@@ -286,63 +304,68 @@ class Identifier:
         time, x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (time, x, xdot, delta))
         self._check(time, x, xdot, delta)
         run = Run([], [], [], [])
-        start = 0
-        while start < len(time):
-            due = every - self._regression.samples % every
-            stop = min(start + due, len(time))
-            block, followed = self._take(time[start:stop], x[start:stop], xdot[start:stop], delta[start:stop])
-            run.dithers.append(block)
-            run.followed.append(followed)
-            run.signals.extend(self._signals)
-            if self._regression.samples % every == 0 or self._events:
-                run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
-            start = stop
+        for begin in range(0, len(time), CHUNK):
+            chunk = slice(begin, begin + CHUNK)
+            samples = self._prepare(time[chunk], x[chunk], xdot[chunk], delta[chunk])
+            count, start = len(samples.time), 0
+            while start < count:
+                due = every - self._regression.samples % every
+                stop = min(start + due, count)
+                block, followed = self._take(samples, start, stop)
+                run.dithers.append(block)
+                run.followed.append(followed)
+                run.signals.extend(self._signals)
+                if self._regression.samples % every == 0 or self._events:
+                    run.estimates.append(self.estimate(float(samples.time[stop - 1]), samples.x[stop - 1]))
+                start = stop
         return run
 
-    def _take(self, time: Array, x: Array, xdot: Array, delta: Array) -> tuple[DitherBlock, Array]:
-        """Put checked samples through the compiled loop and the dither law.
+    def _prepare(self, time: Array, x: Array, xdot: Array, delta: Array) -> Samples:
+        """Build the regression of checked samples, and room for what comes of them."""
+        count = len(time)
+        phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
+        if self._enabled:
+            build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
+            if isinstance(self._regression, BankRegression):
+                noise = np.empty((count, len(self._kept)))
+                observe_defect(self._defect, time, x, xdot, self._kept, noise)
+                self._regression.observe(time, noise)
+        return Samples(time, x, xdot, delta, phi, y, self._regression.make_output(count))
+
+    def _take(self, samples: Samples, start: int, stop: int) -> tuple[DitherBlock, Array]:
+        """Put samples through the compiled loop and the dither law.
 
         Returns
         -------
         tuple
-            The dithers that answer the samples, and the estimate that is followed after each.
+            The dithers that answer them, and the estimate that is followed after each.
         """
-        count = len(time)
+        time, x, xdot, delta, phi, y, out = samples
+        part = slice(start, stop)
         self._signals.clear()
         if not self._enabled:
-            block = self._law.silence(time)
-            self._dither = block.at(count - 1)
-            return block, np.full(count, self.followed)
-        self._observe_states(time, x, xdot)
-        phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
-        build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
-        out = self._regression.make_output(count)
-        done = 0
-        while done < count:
-            stop = done + 1 if self._supervisor.watching else count
-            done = self._regression.advance_into(out, phi, y, done, stop)
+            block = self._law.silence(time[part])
+            self._dither = block.at(stop - start - 1)
+            return block, np.full(stop - start, self.followed)
+        if not isinstance(self._regression, BankRegression):
+            forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
+            self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
+        done = start
+        while done < stop:
+            done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
             now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
             if out.restart[done - 1] != SOUND:
                 self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
-            if alarm.any():
+            if any(alarm.tolist()):
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
-            self._events += self._supervisor.follow(now, self._regression)
-        self._error = out.e[count - 1]
-        self._signals.append((out.e, out.statistic))
-        known = Knowledge(out.b, out.b_variance, out.excitation, out.alarm)
-        block = self._law.commands(time, known, delta)
-        self._dither = block.at(count - 1)
-        return block, out.followed
-
-    def _observe_states(self, time: Array, x: Array, xdot: Array) -> None:
-        """See what of the states' motion their derivatives do not explain: noise and gusts."""
-        if isinstance(self._regression, BankRegression):
-            noise = np.empty((len(time), len(self._kept)))
-            observe_defect(self._defect, time, x, xdot, self._kept, noise)
-            self._regression.observe(np.ascontiguousarray(time, np.float64), noise)
-            return
-        forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
-        self._regression.air = observe_air(self._air, time, x, xdot, self._velocities, forgetting)
+            if self._supervisor.watching:
+                self._events += self._supervisor.follow(now, self._regression)
+        self._error = out.e[stop - 1]
+        self._signals.append((out.e[part], out.statistic[part]))
+        known = Knowledge(out.b[part], out.b_variance[part], out.excitation[part], out.alarm[part])
+        block = self._law.commands(time[part], known, delta[part])
+        self._dither = block.at(stop - start - 1)
+        return block, out.followed[part]
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)

@@ -241,7 +241,7 @@ class Assembly:
         colours = 1 if isinstance(regression, BankRegression) else len(regression.settings.colours)
         self._scratch = np.empty((2, colours)), np.empty(p)
         members = len(regression.settings.forgetting) if isinstance(regression, BankRegression) else 0
-        self._products, self._vectors = np.empty(members), (np.empty(p), np.empty(p))
+        self._bank_scratch = BankScratch(np.empty(members), np.empty(p), np.empty(p))
         self.a_known: Flags = find_known(c.states) if c.known_gravity else np.zeros((n, n), np.bool_)
         """(n, n) which entries of A come from physics; read-only."""
         self._forgetting = np.full(n, math.nan)
@@ -279,6 +279,5 @@ class Assembly:
             return model, self._nothing, self._forgetting
         best = Best(*[one.copy() for one in self._nothing])
         forgetting = self._forgetting.copy()
-        scratch = BankScratch(self._products, *self._vectors)
-        self._fill(r.settings, r.state, self._layout, x, r.noise, scratch, model, best, forgetting)
+        self._fill(r.settings, r.state, self._layout, x, r.noise, self._bank_scratch, model, best, forgetting)
         return model, best, forgetting

@@ -66,7 +66,7 @@ class Supervisor:
 
     def statistic(self, raw: Array) -> Array:
         """Return the published statistic: eq 19 subtracts the mean, the loop's short/long does not; 0: not armed."""
-        return np.where(raw > 0.0, raw - self._offset, 0.0)
+        return np.where(raw > 0.0, raw - self._offset, 0.0) if self._offset else np.fmax(raw, 0.0)
 
     def alarm(self, time: float, statistic: Array, alarm: Integers) -> FaultEvent:
         """Return the event of an alarm and watch its rows.

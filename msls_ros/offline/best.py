@@ -75,7 +75,9 @@ class BestModel:
         value = np.concatenate([[m.a for m in models], [m.b for m in models]], axis=2)
         std = np.concatenate([[m.a_std for m in models], [m.b_std for m in models]], axis=2)
         known = models[0].a_known
-        reliable = np.concatenate([[m.a_reliable & ~known for m in models], [m.b_reliable for m in models]], axis=2)
+        reliable = np.concatenate(
+            [np.array([m.a_reliable for m in models]) & ~known, [m.b_reliable for m in models]], axis=2
+        )
         reliable &= np.isfinite(std) & (std > 0.0) & (value != 0.0)
         score = np.divide(std, np.abs(value), out=np.full(std.shape, np.inf), where=reliable)
         times = np.array([m.time for m in models])

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import gc
 from collections import Counter
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from typing import Any
 
 from msls_ros.bags import AnyReader, BagError, Sample
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, Refused, StateRow
+from msls_ros.offline.collection import no_collection
 from msls_ros.offline.recording import Input, Recording
 from msls_ros.offline.sources import ordered_batches
 
@@ -21,18 +20,6 @@ _LONGEST_RUN = 500
 def is_own(reader: AnyReader) -> bool:
     """Whether a log holds `msls_msgs`."""
     return any(kind.startswith(_OURS) for kind in reader.topics.values())
-
-
-@contextmanager
-def _no_collection() -> Iterator[None]:
-    """Keep Python's collector of cycles from walking what is read: there are none in it, and it takes a tenth more."""
-    was = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if was:
-            gc.enable()
 
 
 def mapped_recording(
@@ -75,7 +62,7 @@ def mapped_recording(
     adapter.check(reader.topics)
     own = reader.only(adapter.topics)
     found: list[Input] = []
-    with _no_collection():
+    with no_collection():
         for batch in ordered_batches(own, list(adapter.topics), _LONGEST_RUN):
             for message in batch:
                 try:

@@ -32,6 +32,7 @@ from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultE
 from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer
 from msls_ros.inputs.profiles import render_profile
 from msls_ros.offline.best import Known
+from msls_ros.offline.collection import no_collection
 from msls_ros.offline.outputs import OUTPUTS, IdentifierOutput
 from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_topics, ordered_batches
 
@@ -153,7 +154,8 @@ def replay(
     gate = Synchronizer.of(configuration, note)
     opened = _open(bag, configuration, options, gate, note)
     with replacing(out) if options.overwrite else nullcontext((out, lambda: None)) as (place, take_place):
-        result = _write(opened, place, configuration, options, gate, reasons, progress)
+        with no_collection():
+            result = _write(opened, place, configuration, options, gate, reasons, progress)
         if result.samples:
             take_place()
         elif place != out:
