@@ -16,7 +16,7 @@ b what least squares without u is off by. I is the information about the coeffic
 quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in a way of its own: its
 error is anything between nothing and b, a variance of ``b^2/3``, but all of b where no motion is slow, as with dither
 alone. So ``b^2 (1 + 2q)/3`` is added. So is what c may be without showing: chance, or less where an effect cannot be
-so much in error, a delay of 10 ms being plausible before anything is known (`BankSettings.late_part`)::
+so much in error, a delay of 18 ms being plausible before anything is known (`BankSettings.late_part`)::
 
     v_j = q_j^2 sum_i w_ij^2 min( (part theta_i)^2, 4 s^2 / (sum u_i^2 - d_i' w_i) )
 

@@ -137,8 +137,11 @@ def judge_soundness(x: BankState, phi: Array, y: Array, e: Array) -> int:
 def observe_place(s: BankSettings, x: BankState, phi: Array, time: float) -> None:
     """Update where in the envelope the aircraft flies, and the clock."""
     gain = max(s.place, 1.0 / (x.samples[0] + 1.0))
-    for j in range(x.place.shape[0]):
+    velocities = s.velocities.shape[0]
+    for j in range(velocities):
         x.place[j] += gain * (phi[s.velocities[j]] / s.speed[j] - x.place[j])
+    for j in range(s.rates.shape[0]):
+        x.place[velocities + j] = phi[s.rates[j]]
     x.clock[0] = time
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.surfaces import Surface, read_surfaces
 
 PRIORS = (10.0, 300.0, 1e5)
@@ -58,8 +58,9 @@ STRIDE = 0.1
 QUICK = 0.1
 """Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
 LATE = 0.02
-"""By how much responses may be late, at least a sample; half of it is the standard deviation before anything is known,
-for delays of real records of 10 to 25 ms [s]."""
+"""By how much responses are looked for late, at least a sample [s]."""
+DELAY_OF_RECORDS = 0.018
+"""Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -77,6 +78,7 @@ def make_bank_settings(
     *,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
+    rates: Sequence[int] = (),
     surfaces: Sequence[Surface] = (),
     straddle: int = 0,
     detect: bool = True,
@@ -98,6 +100,9 @@ def make_bank_settings(
         Samples over which the inputs were smoothed or differentiated.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
+    rates
+        Which are the angular rates, all three or none: they couple through the inertia. The rows of the first
+        regressors are theirs.
     surfaces
         What can be lost.
     detect
@@ -145,9 +150,11 @@ def make_bank_settings(
         velocities=np.array(velocities, np.int64) + 1,
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         place=min(period / PLACE, 1.0),
+        rates=np.array(rates, np.int64) + 1,
+        coupled=_coupled(rates, len(scale)),
         quick=min(period / QUICK, 1.0),
         late=late,
-        late_part=0.5 * LATE / (late * period),
+        late_part=DELAY_OF_RECORDS / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),
@@ -156,6 +163,16 @@ def make_bank_settings(
         followed_row=-1,
         followed_column=-1,
     )
+
+
+def _coupled(rates: Sequence[int], p: int) -> Integers:
+    """Return by row's own regressor and column, constant first, which rate the product is with; -1: there is none."""
+    found = np.full((p, p), -1, np.int64)
+    for own in range(len(rates)):
+        for by in range(len(rates)):
+            if own != by:
+                found[rates[own] + 1, rates[by] + 1] = 3 - own - by
+    return found
 
 
 def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float) -> int:
@@ -174,5 +191,6 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         straddle=straddle,
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
+        rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),
         detect=c.detector.mode != "off",
     )

@@ -73,6 +73,10 @@ class BankSettings(NamedTuple):
     """(v,) their scales."""
     place: float
     """Gain per sample of their means."""
+    rates: Integers
+    """(w,) which regressors are the angular rates about the body's axes, constant first; all three or none."""
+    coupled: Integers
+    """(p, p) which of them, times a regressor, the equation of another one holds: see `inertial_square`; or -1."""
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     late: int
@@ -227,9 +231,9 @@ class BankState(NamedTuple):
     best_time: Array
     """(r, p) when they were known [s]."""
     best_place: Array
-    """(r, p, v) mean velocities, in units of their scale, where they were known."""
+    """(r, p, v + w) where they were known."""
     place: Array
-    """(v,) mean velocities now, in units of their scale."""
+    """(v + w,) where that is: mean velocities of now, in units of their scale, and rates [rad/s]."""
     clock: Array
     """(1,) time of the last sample [s]."""
 
@@ -357,8 +361,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         best=np.zeros((rows, p)),
         best_square=np.zeros((rows, p)),
         best_time=np.zeros((rows, p)),
-        best_place=np.zeros((rows, p, len(s.velocities))),
-        place=np.zeros(len(s.velocities)),
+        best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates))),
+        place=np.zeros(len(s.velocities) + len(s.rates)),
         clock=np.zeros(1),
     )
 

@@ -13,7 +13,8 @@ between members, is the uncertainty about the model itself. ``b`` is the bias by
 (`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
 autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past
 inputs explain of the residuals (`bank_lags`). Where the aircraft is elsewhere in the envelope than on average over the
-memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see below.
+memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see below. The derivative of an angular
+acceleration by another rate also goes with the third one, through the inertia (`inertial_square`).
 
 **What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
 estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
@@ -208,6 +209,8 @@ def direct_squares(
         stays = share * x.mixed[q, i]
         squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
         squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
+        if s.coupled[q + 1, i] >= 0:
+            squares[i] += inertial_square(turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
     return True
 
 
@@ -219,7 +222,7 @@ def distance_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
     """
     R = x.R[x.group[q]]
     away = 0.0
-    for j in range(x.place.shape[0]):
+    for j in range(s.velocities.shape[0]):
         step = x.place[j] - R[0, s.velocities[j], m] / R[0, 0, m] / s.speed[j]
         away += step * step
     return away
@@ -230,6 +233,24 @@ def elsewhere_square(s: BankSettings, value: float, i: int, away: float) -> floa
     """Square by which coefficient i (constant first), known as ``value``, may differ at that squared distance."""
     reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
     return value * value / (reach * reach) * away
+
+
+@compiled
+def turn_from_mean(s: BankSettings, x: BankState, q: int, rate: int, m: int) -> float:
+    """Difference of a rate of now from the mean that member m remembers, as `distance_from_mean` [rad/s]."""
+    R = x.R[x.group[q]]
+    return float(x.place[s.velocities.shape[0] + rate] - R[0, s.rates[rate], m] / R[0, 0, m])
+
+
+@compiled
+def inertial_square(turn: float) -> float:
+    """Square by which a derivative of an angular acceleration by another rate may differ, the third off by ``turn``.
+
+    Euler's equation of rate a holds ``c_a`` times the product of the two others: the derivative by one of them is
+    ``c_a`` times the other. With principal moments of inertia no larger than the sum of the two others, each c is
+    within -1 and 1, of which a third is the mean square.
+    """
+    return turn * turn / 3.0
 
 
 @compiled
@@ -248,10 +269,15 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
         return math.inf
     moved = x.mixed[q, i] - x.best[q, i]
     away = 0.0
-    for j in range(x.place.shape[0]):
+    for j in range(s.velocities.shape[0]):
         step = x.place[j] - x.best_place[q, i, j]
         away += step * step
-    return float(x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away))
+    known = x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away)
+    other = s.coupled[q + 1, i]
+    if other >= 0:
+        place = s.velocities.shape[0] + other
+        known += inertial_square(x.place[place] - x.best_place[q, i, place])
+    return float(known)
 
 
 @compiled
