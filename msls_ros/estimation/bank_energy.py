@@ -74,12 +74,30 @@ def observe_steps(s: BankSettings, x: BankState, phi: Array, start: float) -> No
 
 
 @compiled
-def observe_energy(s: BankSettings, x: BankState, y: Array) -> None:
-    """Update energies and gates of all rows with the outputs of a sample, (r,)."""
+def turned_output(s: BankSettings, phi: Array, q: int) -> float:
+    """Return what the turning of the body's axes makes of row q's output, as `kinematics.remove_rotation` took it off.
+
+    It is a sum of products of two regressors: half of each regressor times its part of the tangent, for each counts
+    twice.
+    """
+    total = 0.0
+    for i in range(1, phi.shape[0]):
+        source = s.turning[q + 1, i]
+        if source > 0:
+            total += 0.5 * phi[source] * phi[i]
+        elif source < 0:
+            total -= 0.5 * phi[-source] * phi[i]
+    return total
+
+
+@compiled
+def observe_energy(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
+    """Update energies and gates of all rows with regressors (p,), constant first, and outputs (r,) of a sample."""
     start = 1.0 / (x.samples[0] + 1.0)
     for q in range(y.shape[0]):
-        x.mean[q] += max(start, s.energy[0]) * (y[q] - x.mean[q])
-        deviation = y[q] - x.mean[q]
+        output = y[q] + turned_output(s, phi, q)
+        x.mean[q] += max(start, s.energy[0]) * (output - x.mean[q])
+        deviation = output - x.mean[q]
         x.now[q] += max(start, s.energy[1]) * (deviation * deviation - x.now[q])
         now = x.now[q]
         gate = now / x.remembered[q] if x.remembered[q] > now else 1.0

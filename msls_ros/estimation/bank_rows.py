@@ -75,7 +75,7 @@ def advance_bank(
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
-        observe_energy(s, x, y[n])
+        observe_energy(s, x, work.phi, y[n])
         observe_inputs(s, x, work.phi)
         observe_place(s, x, work.phi, time[n])
         if any_alarm:

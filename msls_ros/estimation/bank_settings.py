@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kinematics import find_rotation
 from msls_ros.estimation.surfaces import Surface, read_surfaces
 
 PRIORS = (10.0, 300.0, 1e5)
@@ -79,6 +80,7 @@ def make_bank_settings(
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
     rates: Sequence[int] = (),
+    turning: Mapping[tuple[int, int], tuple[int, int]] | None = None,
     surfaces: Sequence[Surface] = (),
     straddle: int = 0,
     detect: bool = True,
@@ -103,6 +105,8 @@ def make_bank_settings(
     rates
         Which are the angular rates, all three or none: they couple through the inertia. The rows of the first
         regressors are theirs.
+    turning
+        Parts of derivatives that are known and not in the outputs: see `kinematics.find_rotation`.
     surfaces
         What can be lost.
     detect
@@ -152,6 +156,7 @@ def make_bank_settings(
         place=min(period / PLACE, 1.0),
         rates=np.array(rates, np.int64) + 1,
         coupled=_coupled(rates, len(scale)),
+        turning=_turning(turning or {}, len(scale)),
         quick=min(period / QUICK, 1.0),
         late=late,
         late_part=DELAY_OF_RECORDS / (late * period),
@@ -175,6 +180,14 @@ def _coupled(rates: Sequence[int], p: int) -> Integers:
     return found
 
 
+def _turning(parts: Mapping[tuple[int, int], tuple[int, int]], p: int) -> Integers:
+    """Return `BankSettings.turning` of what `kinematics.find_rotation` says."""
+    found = np.zeros((p, p), np.int64)
+    for (own, by), (source, sign) in parts.items():
+        found[own + 1, by + 1] = sign * (source + 1)
+    return found
+
+
 def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float) -> int:
     """Return the freest member of about that memory [s]."""
     return min(range(len(grid)), key=lambda m: (abs(grid[m][0] - memory), -grid[m][1], abs(grid[m][2] - 1.0)))
@@ -192,5 +205,6 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
         rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),
+        turning=find_rotation(c.rows) if c.known_rotation else None,
         detect=c.detector.mode != "off",
     )

@@ -77,6 +77,9 @@ class BankSettings(NamedTuple):
     """(w,) which regressors are the angular rates about the body's axes, constant first; all three or none."""
     coupled: Integers
     """(p, p) which of them, times a regressor, the equation of another one holds: see `inertial_square`; or -1."""
+    turning: Integers
+    """(p, p) by row's own regressor: which regressor, times its sign, is the part of the derivative by a regressor that
+    is known and not in the estimates, for the body's axes turn; 0: none. See `kinematics.remove_rotation`."""
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     late: int

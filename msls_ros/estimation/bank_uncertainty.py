@@ -121,7 +121,7 @@ def residual_variance(x: BankState, q: int) -> float:
 
 
 @compiled
-def attenuation(x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
+def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
     """Bias of row q's estimates by noise in the states: (p,) out, constant first.
 
     Parameters
@@ -140,7 +140,9 @@ def attenuation(x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
     R = x.R[g]
     samples = x.taken[g, m]
     for j in range(p):
-        total = samples * noise[j - 1] * x.mixed[q, j] if 1 <= j <= noise.shape[0] else 0.0
+        total = (
+            samples * noise[j - 1] * (x.mixed[q, j] + turned_part(s, x, q, j, m)) if 1 <= j <= noise.shape[0] else 0.0
+        )
         for k in range(j):
             total -= R[k, j, m] * b[k]
         b[j] = total / R[j, j, m]
@@ -149,6 +151,17 @@ def attenuation(x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
         for k in range(j + 1, p):
             total -= R[j, k, m] * b[k]
         b[j] = total / R[j, j, m]
+
+
+@compiled
+def turned_part(s: BankSettings, x: BankState, q: int, i: int, m: int) -> float:
+    """Return the part of row q's derivative by regressor i that is known, on average over what member m remembers."""
+    source = s.turning[q + 1, i]
+    if source == 0:
+        return 0.0
+    R = x.R[x.group[q]]
+    mean = R[0, abs(source), m] / R[0, 0, m]
+    return float(mean if source > 0 else -mean)
 
 
 @compiled
@@ -198,7 +211,7 @@ def direct_squares(
         return False
     variance = residual_variance(x, q) * age / free
     share = SYSTEMATIC * autocorrelation(x, q)
-    attenuation(x, q, leader, noise, bias)
+    attenuation(s, x, q, leader, noise, bias)
     away = distance_from_mean(s, x, q, leader)
     for i in range(p):
         info = x.info[x.group[q], i]
@@ -336,7 +349,9 @@ def bank_errors(
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
     direct_squares(s, x, q, noise, products, bias, errors)
     for i in range(p):
-        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)))
+        source = abs(s.turning[q + 1, i])
+        measured = noise[source - 1] if source > 0 else 0.0
+        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)) + measured)
     for i in range(p):
         errors[(i + p - 1) % p] = bias[i]
     return residual

@@ -45,7 +45,8 @@ class Configuration:
     sample_rate: float = parameter(50.0, "nominal rate of the samples", unit="Hz", low=0.01, high=1e5, in_flight=False)
     known_gravity: bool = parameter(
         True,
-        "subtract gravity, fill in what is known of gravity and Euler angles (false: identify it as in the paper)",
+        "subtract gravity (bank: and omega x v), fill in what is known of them and of Euler angles (false: as in the "
+        "paper)",
         in_flight=False,
     )
     reference_speed: float = parameter(100.0, "scale of u, v and w", unit="m/s", low=1e-6, high=1e6, in_flight=False)
@@ -95,6 +96,11 @@ class Configuration:
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
             raise EstimationError(message)
+
+    @property
+    def known_rotation(self) -> bool:
+        """Whether ``-omega x v`` is known beside gravity: for the bank; the paper's method identifies it."""
+        return self.known_gravity and self.estimator.method == "bank"
 
     @property
     def rows(self) -> tuple[str, ...]:

@@ -25,7 +25,7 @@ from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
 from msls_ros.estimation.gusts import clear_air, make_air, observe_air
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.kinematics import build_regression
+from msls_ros.estimation.kinematics import build_regression, find_rotation, find_states
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.estimation.soundness import SOUND, all_within
@@ -87,7 +87,7 @@ class Identifier:
         self._regressors = c.regressors
         known = {s: c.rows.index(s) if c.known_gravity and s in c.rows else -1 for s in "uvw"}
         self._forces = np.array([known[s] for s in "uvw"], np.int64)
-        self._attitude = np.array([c.states.index(s) if s in c.states else -1 for s in ("Phi", "Theta")], np.int64)
+        self._states = find_states(c.states)
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
@@ -98,6 +98,7 @@ class Identifier:
         self._defect = make_defect(len(c.rows), c.sample_rate)
         self._enabled = True
         self._followed = -1, -1
+        self._turned = -1, 0, 0.0
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
@@ -121,16 +122,19 @@ class Identifier:
     def enabled(self, on: bool) -> None:
         self._enabled = bool(on)
 
-    def warm_start(self, a: Array, b: Array, bias: Array, covariance: Array) -> None:
+    def warm_start(self, a: Array, b: Array, bias: Array, covariance: Array, x: Array | None = None) -> None:
         """Start anew from a known model instead of from nothing.
 
         Parameters
         ----------
         a, b, bias
-            (n, n), (n, m) and (n,): ``xdot = a x + b delta + bias``. What is known from physics is not read.
+            (n, n), (n, m) and (n,): ``xdot = a x + b delta + bias``. Known rows and columns are not read.
         covariance
             (p, p) covariance of the estimates over the residual variance, in the order of
             ``configuration.regressors``; all rows share it.
+        x
+            (n,) states at which what is known from physics stands in ``a`` and ``bias``, as `estimate` enters it;
+            None: they hold none of it.
 
         Raises
         ------
@@ -145,6 +149,13 @@ class Identifier:
             )
             raise EstimationError(message)
         kept = self._kept
+        if x is not None:
+            x = np.ascontiguousarray(x, dtype=np.float64)
+            if x.shape != (n,) or not np.isfinite(x).all():
+                message = f"states x of shape {x.shape}; expected ({n},), finite"
+                raise EstimationError(message)
+            known_a, known_bias = self._assembly.known_at(x)
+            a, bias = a - known_a, bias - known_bias
         theta = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
         self._regression.warm_start(theta, np.array(covariance, dtype=np.float64))
         self._law.reset()
@@ -250,7 +261,10 @@ class Identifier:
                 f"{', '.join(self._regressors)}"
             )
             raise EstimationError(message)
-        self._followed = self.configuration.rows.index(row), self._regressors.index(column)
+        c = self.configuration
+        self._followed = c.rows.index(row), self._regressors.index(column)
+        source, sign = (find_rotation(c.rows) if c.known_rotation else {}).get(self._followed, (-1, 0))
+        self._turned = int(self._kept[source]) if sign else -1, sign, 0.0
         self._follow()
 
     @property
@@ -282,7 +296,7 @@ class Identifier:
     @property
     def followed(self) -> float:
         """The estimate that is followed, after the last sample."""
-        return float(self._regression.theta[self._followed])
+        return float(self._regression.theta[self._followed]) + self._turned[2]
 
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
         """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
@@ -325,7 +339,8 @@ class Identifier:
         count = len(time)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
         if self._enabled:
-            build_regression(x, xdot, delta, self._kept, self._forces, self._attitude, phi, y)
+            turning = self.configuration.known_rotation
+            build_regression(x, xdot, delta, self._kept, self._forces, self._states, turning, phi, y)
             if isinstance(self._regression, BankRegression):
                 noise = np.empty((count, len(self._kept)))
                 observe_defect(self._defect, time, x, xdot, self._kept, noise)
@@ -362,10 +377,15 @@ class Identifier:
                 self._events += self._supervisor.follow(now, self._regression)
         self._error = out.e[stop - 1]
         self._signals.append((out.e[part], out.statistic[part]))
-        known = Knowledge(out.b[part], out.b_variance[part], out.excitation[part], out.alarm[part])
-        block = self._law.commands(time[part], known, delta[part])
+        effects = Knowledge(out.b[part], out.b_variance[part], out.excitation[part], out.alarm[part])
+        block = self._law.commands(time[part], effects, delta[part])
         self._dither = block.at(stop - start - 1)
-        return block, out.followed[part]
+        source, sign, _ = self._turned
+        if sign == 0:
+            return block, out.followed[part]
+        known = sign * x[part, source]
+        self._turned = source, sign, float(known[-1])
+        return block, out.followed[part] + known
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)

@@ -1,7 +1,9 @@
-"""What physics knows of the equations: gravity in the force equations, and the kinematics of the Euler angles.
+"""What physics knows of the equations: gravity and rotation in those of force, and the kinematics of the Euler angles.
 
 Gravity is subtracted from the measured derivatives before identification, so that attitude needs no regressor; its
-tangent then fills the columns Phi and Theta of A, and the kinematic equations their rows. Body axes forward-right-down,
+tangent then fills the columns Phi and Theta of A, and the kinematic equations their rows. For the bank so is what the
+turning of the body's axes makes of the velocity, ``-omega x v``, a product of states: what is left is force over mass,
+its estimates are the aerodynamics alone, and the tangent of now comes on top of them. Body axes forward-right-down,
 SI, radians. Sine and cosine are computed here with plain arithmetic, because those of the C library differ in the last
 bit from one processor to another.
 
@@ -55,10 +57,37 @@ def sine_cosine(angle: float) -> tuple[float, float]:
 
 
 @compiled
+def state_of(x: Array, at: Integers, which: int) -> float:
+    """Return a state of flight; 0 where it is not among the states."""
+    return float(x[at[which]]) if at[which] >= 0 else 0.0
+
+
+@compiled
+def remove_rotation(x: Array, at: Integers, forces: Integers, y: Array) -> None:
+    """Take off the outputs y what the turning of the body's axes makes of the velocity: ``-omega x v``."""
+    u, v, w = state_of(x, at, U), state_of(x, at, V), state_of(x, at, W)
+    p, q, r = state_of(x, at, P), state_of(x, at, Q), state_of(x, at, R)
+    if forces[0] >= 0:
+        y[forces[0]] -= r * v - q * w
+    if forces[1] >= 0:
+        y[forces[1]] -= p * w - r * u
+    if forces[2] >= 0:
+        y[forces[2]] -= q * u - p * v
+
+
+@compiled
 def build_regression(
-    x: Array, xdot: Array, delta: Array, rows: Integers, forces: Integers, attitude: Integers, phi: Array, y: Array
+    x: Array,
+    xdot: Array,
+    delta: Array,
+    rows: Integers,
+    forces: Integers,
+    states: Integers,
+    turning: bool,
+    phi: Array,
+    y: Array,
 ) -> None:
-    """Fill regressors ``[x, delta, 1]`` and outputs ``xdot - gravity`` (eq 24 with a constant) for n samples.
+    """Fill regressors ``[x, delta, 1]`` and outputs ``xdot - known`` (eq 24 with a constant) for n samples.
 
     Parameters
     ----------
@@ -68,8 +97,10 @@ def build_regression(
         (r,) indices of the states that are identified.
     forces
         (3,) rows of u, v, w among ``rows``; -1 where absent or where gravity is not subtracted.
-    attitude
-        (2,) indices of Phi and Theta among the states; read only where a force is given.
+    states
+        (9,) see `find_states`; read only where a force is given.
+    turning
+        Whether ``-omega x v`` is subtracted too.
     phi, y
         (n, r + effectors + 1) and (n, r), out.
     """
@@ -84,8 +115,10 @@ def build_regression(
         phi[n, r + m] = 1.0
         if forces[0] < 0 and forces[1] < 0 and forces[2] < 0:
             continue
-        sin_phi, cos_phi = sine_cosine(x[n, attitude[0]])
-        sin_theta, cos_theta = sine_cosine(x[n, attitude[1]])
+        if turning:
+            remove_rotation(x[n], states, forces, y[n])
+        sin_phi, cos_phi = sine_cosine(x[n, states[PHI]])
+        sin_theta, cos_theta = sine_cosine(x[n, states[THETA]])
         if forces[0] >= 0:
             y[n, forces[0]] += GRAVITY * sin_theta
         if forces[1] >= 0:
@@ -97,6 +130,20 @@ def build_regression(
 def find_states(states: tuple[str, ...]) -> Integers:
     """Return where each of u, v, w, P, Q, R, Phi, Theta, Psi stands among the states: (9,), -1 where absent."""
     return np.array([states.index(name) if name in states else -1 for name in FLIGHT_STATES], np.int64)
+
+
+def find_rotation(states: tuple[str, ...]) -> dict[tuple[int, int], tuple[int, int]]:
+    """Return the tangent of ``-omega x v``: by equation and state which state it is, and its sign."""
+    found = {}
+    for equation, turned, rate, sign in (
+        *(("u", "v", "R", 1), ("u", "w", "Q", -1), ("v", "w", "P", 1)),
+        *(("v", "u", "R", -1), ("w", "u", "Q", 1), ("w", "v", "P", -1)),
+    ):
+        if {equation, turned, rate} <= set(states):
+            row, velocity, omega = (states.index(s) for s in (equation, turned, rate))
+            found[row, velocity] = omega, sign
+            found[row, omega] = velocity, sign
+    return found
 
 
 def find_known(states: tuple[str, ...]) -> NDArray[np.bool_]:
@@ -114,7 +161,29 @@ def add_partial(x: Array, at: Integers, a: Array, bias: Array, row: int, column:
 
 
 @compiled
-def add_known(x: Array, at: Integers, a: Array, bias: Array) -> None:
+def add_rotation(x: Array, at: Integers, a: Array, bias: Array) -> None:
+    """As `add_known` of ``-omega x v``, which is of second degree: its tangent at x is twice it, less it."""
+    u, v, w = state_of(x, at, U), state_of(x, at, V), state_of(x, at, W)
+    p, q, r = state_of(x, at, P), state_of(x, at, Q), state_of(x, at, R)
+    for i, level in ((U, r * v - q * w), (V, p * w - r * u), (W, q * u - p * v)):
+        if at[i] >= 0:
+            bias[at[i]] += level
+    add_partial(x, at, a, bias, U, V, r)
+    add_partial(x, at, a, bias, U, W, -q)
+    add_partial(x, at, a, bias, U, Q, -w)
+    add_partial(x, at, a, bias, U, R, v)
+    add_partial(x, at, a, bias, V, U, -r)
+    add_partial(x, at, a, bias, V, W, p)
+    add_partial(x, at, a, bias, V, P, w)
+    add_partial(x, at, a, bias, V, R, -u)
+    add_partial(x, at, a, bias, W, U, q)
+    add_partial(x, at, a, bias, W, V, -p)
+    add_partial(x, at, a, bias, W, P, -v)
+    add_partial(x, at, a, bias, W, Q, u)
+
+
+@compiled
+def add_known(x: Array, at: Integers, turning: bool, a: Array, bias: Array) -> None:
     """Enter the tangent at x of what is known: ``bias + A x`` touches gravity and the Euler angle rates.
 
     Parameters
@@ -123,20 +192,22 @@ def add_known(x: Array, at: Integers, a: Array, bias: Array) -> None:
         (n,) the states [m/s, rad/s, rad].
     at
         (9,) see `find_states`; what is absent counts as zero.
+    turning
+        Whether ``-omega x v`` is among what is known.
     a, bias
         (n, n) and (n,), zero; the known terms are entered.
     """
     sp, cp = sine_cosine(x[at[PHI]] if at[PHI] >= 0 else 0.0)
     st, ct = sine_cosine(x[at[THETA]] if at[THETA] >= 0 else 0.0)
-    p = x[at[P]] if at[P] >= 0 else 0.0
-    q = x[at[Q]] if at[Q] >= 0 else 0.0
-    r = x[at[R]] if at[R] >= 0 else 0.0
+    p, q, r = state_of(x, at, P), state_of(x, at, Q), state_of(x, at, R)
     turn = q * sp + r * cp
     slip = q * cp - r * sp
     levels = (-GRAVITY * st, GRAVITY * sp * ct, GRAVITY * cp * ct, 0.0, 0.0, 0.0, p + st / ct * turn, slip, turn / ct)
     for i in range(9):
         if at[i] >= 0:
             bias[at[i]] = levels[i]
+    if turning:
+        add_rotation(x, at, a, bias)
     add_partial(x, at, a, bias, U, THETA, -GRAVITY * ct)
     add_partial(x, at, a, bias, V, PHI, GRAVITY * cp * ct)
     add_partial(x, at, a, bias, V, THETA, -GRAVITY * sp * st)

@@ -80,6 +80,8 @@ class Layout(NamedTuple):
     """(r,) state of each row."""
     known: Integers
     """(9,) where the states of flight stand, see `find_states`; -1 where nothing is known."""
+    turning: bool
+    """Whether the turning of the body's axes is among what is known, see `kinematics`."""
     excitation: float
     """Least excitation of what is reliable [1]."""
     relative_error: float
@@ -110,7 +112,7 @@ def fill_model(
     r = layout.kept.shape[0]
     last = errors.shape[0] - 1
     watched = state.samples[0] >= settings.watch or not settings.confounded or moving_air(state) == 0.0
-    add_known(x, layout.known, out.a, out.bias)
+    add_known(x, layout.known, layout.turning, out.a, out.bias)
     for q in range(r):
         row = layout.kept[q]
         out.residual_std[row] = error_bars(settings, state, q, mix[0], mix[1], errors)
@@ -167,7 +169,7 @@ def fill_bank_model(
     r = layout.kept.shape[0]
     errors = scratch.errors
     last = errors.shape[0] - 1
-    add_known(x, layout.known, out.a, out.bias)
+    add_known(x, layout.known, layout.turning, out.a, out.bias)
     for q in range(r):
         row = layout.kept[q]
         out.residual_std[row] = bank_errors(s, state, q, noise, scratch.products, scratch.bias, errors)
@@ -177,9 +179,9 @@ def fill_bank_model(
             j = (i + 1) % (last + 1)
             theta = state.theta[q, i]
             out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
-            reliable = (
-                errors[i] <= max(layout.relative_error * abs(theta), layout.tolerance[i]) and state.misfits[q] == 0
-            )
+            fixed = out.a[row, layout.kept[i]] if i < r else 0.0
+            allowed = max(layout.relative_error * abs(theta + fixed), layout.tolerance[i])
+            reliable = errors[i] <= allowed and state.misfits[q] == 0
             if i == last:
                 out.bias[row] += theta
                 continue
@@ -190,7 +192,7 @@ def fill_bank_model(
                 out.a_std[row, column] = errors[i]
                 out.a_reliable[row, column] = reliable
                 if known:
-                    best.a_best[row, column] = state.best[q, j]
+                    best.a_best[row, column] = state.best[q, j] + fixed
                     best.a_best_std[row, column] = math.sqrt(state.best_square[q, j])
                     best.a_best_time[row, column] = state.best_time[q, j]
             else:
@@ -234,6 +236,7 @@ class Assembly:
         self._layout = Layout(
             kept=kept,
             known=find_states(c.states) if c.known_gravity else np.full(9, -1),
+            turning=c.known_rotation,
             excitation=c.reliability.excitation,
             relative_error=c.reliability.relative_error,
             tolerance=c.reliability.tolerance / scale,
@@ -252,6 +255,12 @@ class Assembly:
         self._nothing = Best(*(tuple(nothing) * 3))
         for shared in (self.a_known, self._forgetting, *self._nothing):
             shared.setflags(write=False)
+
+    def known_at(self, x: Array) -> tuple[Array, Array]:
+        """Return what is known of A and bias from physics, linearised at ``x`` (n,): (n, n) and (n,)."""
+        a, bias = np.zeros((len(x), len(x))), np.zeros(len(x))
+        add_known(x, self._layout.known, self._layout.turning, a, bias)
+        return a, bias
 
     def build(self, x: Array) -> tuple[Model, Best, Array]:
         """Return the model as it stands, its known part at ``x`` (n,); the best that was known; lambda per equation.

@@ -30,9 +30,11 @@ class SavedModel:
     """(n,)"""
     covariance: Array
     """(p, p) of the estimates over the residual variance; see `Identifier.warm_start`."""
+    x: Array
+    """(n,) states at which what is known from physics stands in ``a`` and ``bias``."""
 
 
-def write_model(path: Path, identifier: Identifier, estimate: Estimate, stamp: int) -> None:
+def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array, stamp: int) -> None:
     """Write what an identifier has learnt as YAML.
 
     Parameters
@@ -43,6 +45,8 @@ def write_model(path: Path, identifier: Identifier, estimate: Estimate, stamp: i
         Its covariance and configuration are kept.
     estimate
         Its last.
+    x
+        (n,) states of the last sample.
     stamp
         Of the last sample [ns].
 
@@ -58,6 +62,7 @@ def write_model(path: Path, identifier: Identifier, estimate: Estimate, stamp: i
         "effectors": list(estimate.effectors),
         "regressors": list(estimate.regressors),
         **{name: getattr(estimate, name).tolist() for name in ("a", "b", "bias", "a_std", "b_std")},
+        "x": np.asarray(x, np.float64).tolist(),
         "covariance": identifier.covariance.tolist(),
         "configuration": {k: list(v) if isinstance(v, tuple) else v for k, v in identifier.parameters.items()},
     }
@@ -82,8 +87,15 @@ def read_model(path: Path) -> SavedModel:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         states, effectors, regressors = (tuple(map(str, content[k])) for k in ("states", "effectors", "regressors"))
-        a, b, bias, covariance = (np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance"))
-        return SavedModel(states, effectors, regressors, a, b, bias, covariance)
+        if "x" not in content:
+            message = (
+                f"the model '{path}' is of an earlier version, without the states x that it holds for; save it anew"
+            )
+            raise EstimationError(message)
+        a, b, bias, covariance, x = (
+            np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance", "x")
+        )
+        return SavedModel(states, effectors, regressors, a, b, bias, covariance, x)
     except OSError as error:
         message = f"the model '{path}' cannot be read: {error.strerror}"
         raise EstimationError(message) from error
@@ -104,4 +116,4 @@ def start_from(identifier: Identifier, path: Path) -> None:
     if (model.states, model.effectors, model.regressors) != (c.states, c.effectors, c.regressors):
         message = f"the model '{path}' has states {list(model.states)}, effectors {list(model.effectors)}; expected "
         raise EstimationError(message + f"{list(c.states)}, {list(c.effectors)}")
-    identifier.warm_start(model.a, model.b, model.bias, model.covariance)
+    identifier.warm_start(model.a, model.b, model.bias, model.covariance, model.x)

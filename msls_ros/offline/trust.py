@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
-from msls_ros.estimation.kinematics import GRAVITY
+from msls_ros.estimation.kinematics import GRAVITY, find_rotation
 from msls_ros.offline.recompute import Recomputed
 from msls_ros.report.knowledge import gather_knowledge
 from msls_ros.report.recorded import Equation, Event, Models, Trust
@@ -63,7 +63,10 @@ def trust_of(
     chosen = (time >= span[0]) & (time < span[1])
     if chosen.sum() < start:
         return Trust(equations)
-    inside, compared = _agreement(configuration, _within(models, span), phi[chosen], y[chosen])
+    turned = rotation(configuration, x)
+    inside, compared = _agreement(
+        configuration, _within(models, span), time[chosen], x[chosen], phi[chosen], (y - turned)[chosen]
+    )
     return Trust(equations, (float(time[chosen][0]), float(time[chosen][-1])), inside, compared)
 
 
@@ -102,6 +105,16 @@ def regression(configuration: Configuration, x: Array, xdot: Array, delta: Array
     return phi, y
 
 
+def rotation(configuration: Configuration, x: Array) -> Array:
+    """Return what the turning of the body's axes makes of the outputs, where the identifier takes it off: (k, r)."""
+    c = configuration
+    rows = [c.states.index(name) for name in c.rows]
+    turned = np.zeros((len(x), len(rows)))
+    for (row, column), (source, sign) in (find_rotation(c.rows) if c.known_rotation else {}).items():
+        turned[:, row] += 0.5 * sign * x[:, rows[source]] * x[:, rows[column]]  # each product stands there twice
+    return turned
+
+
 def _equation(name: str, time: Array, y: Array, error: Array, step: int) -> Equation:
     spread = float(np.var(y))
     r2 = 1.0 - float(np.mean(np.square(error))) / spread if spread > 0.0 else 0.0
@@ -114,7 +127,9 @@ def _equation(name: str, time: Array, y: Array, error: Array, step: int) -> Equa
     return Equation(name, time[::step], y[::step], (y - error)[::step], r2, white, spread > 0.0)
 
 
-def _agreement(configuration: Configuration, models: Models | None, phi: Array, y: Array) -> tuple[int, int]:
+def _agreement(
+    configuration: Configuration, models: Models | None, time: Array, x: Array, phi: Array, y: Array
+) -> tuple[int, int]:
     """Return how many of the numbers known in the span agree with least squares over it, and how many those are."""
     if models is None:
         return 0, 0
@@ -134,12 +149,18 @@ def _agreement(configuration: Configuration, models: Models | None, phi: Array, 
     theta = theta / scale[moving][:, None]
     names = [name for name, used in zip(configuration.regressors, moving, strict=True) if used]
     known = gather_knowledge(models, [])
+    parts = find_rotation(configuration.rows) if configuration.known_rotation else {}
     inside = compared = 0
     for i, j in np.argwhere(known.known).tolist():
         row, column = known.rows[i], known.columns[j]
         if row in configuration.rows and column in names:
             q, p = configuration.rows.index(row), names.index(column)
-            off = abs(float(known.value[i, j]) - float(theta[p, q]))
+            value = float(known.value[i, j])
+            if (q, p) in parts:
+                source, sign = parts[q, p]
+                at = min(int(np.searchsorted(time, known.time[i, j])), len(time) - 1)
+                value -= sign * float(x[at, configuration.states.index(configuration.rows[source])])
+            off = abs(value - float(theta[p, q]))
             compared += 1
             inside += off <= _BAND * float(np.hypot(known.std[i, j], std[p, q]))
     return inside, compared

@@ -23,6 +23,8 @@ _SETTLED = 3.0
 _LOOKS = 160
 """Models at which slow changes are looked for."""
 _CONTRADICTED = 3.0
+_TURNING = {"u": "vwQR", "v": "uwPR", "w": "uvPQ"}
+"""Columns of the equations of force that change with every motion, for the body's axes turn: omega x velocity."""
 _LASTING = 1.0
 """A number is known that has been reliable for so long, or is so in the last model, as in `offline.best` [s]."""
 
@@ -127,7 +129,7 @@ def slow_changes(models: Models, alarms: Sequence[Event], most: int = 3) -> list
         edges = [-np.inf, *cuts, np.inf]
         for j, column in enumerate(columns):
             matrix, k = ("a", j) if j < len(models.states) else ("b", j - len(models.states))
-            if matrix == "a" and models.a_known[i, k]:
+            if matrix == "a" and (models.a_known[i, k] or column in _TURNING.get(models.states[i], "")):
                 continue
             value, std, flags = (getattr(models, matrix + part)[:, i, k] for part in ("", "_std", "_reliable"))
             for begin, end in pairwise(edges):

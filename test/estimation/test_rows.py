@@ -153,15 +153,16 @@ def test_colours_weigh_one_and_errors_are_infinite_before_data(mode: str) -> Non
         assert found.residual > 0.0
 
 
-def rates(x: Array) -> Array:
-    """Return what is known of the derivatives of the states of flight: gravity and the kinematics of Euler angles."""
+def rates(x: Array, turning: bool) -> Array:
+    """Return what is known of the derivatives of the states of flight: gravity, rotation, Euler angles."""
     _, _, _, p, q, r, phi, theta, _ = x
+    turned = -np.cross(x[3:6], x[:3]) if turning else np.zeros(3)
     turn = q * math.sin(phi) + r * math.cos(phi)
     return np.array(
         [
-            -GRAVITY * math.sin(theta),
-            GRAVITY * math.sin(phi) * math.cos(theta),
-            GRAVITY * math.cos(phi) * math.cos(theta),
+            turned[0] - GRAVITY * math.sin(theta),
+            turned[1] + GRAVITY * math.sin(phi) * math.cos(theta),
+            turned[2] + GRAVITY * math.cos(phi) * math.cos(theta),
             0.0,
             0.0,
             0.0,
@@ -172,23 +173,24 @@ def rates(x: Array) -> Array:
     )
 
 
+@pytest.mark.parametrize("turning", [False, True])
 @pytest.mark.parametrize("seed", range(5))
-def test_the_known_tangent_touches_gravity_and_kinematics(seed: int) -> None:
+def test_the_known_tangent_touches_gravity_rotation_and_kinematics(seed: int, turning: bool) -> None:
     x = np.random.default_rng(seed).uniform(-1.0, 1.0, 9)
     a, bias = np.zeros((9, 9)), np.zeros(9)
-    add_known(x, find_states(FLIGHT_STATES), a, bias)
-    np.testing.assert_allclose(a @ x + bias, rates(x), atol=1e-14)
+    add_known(x, find_states(FLIGHT_STATES), turning, a, bias)
+    np.testing.assert_allclose(a @ x + bias, rates(x, turning), atol=1e-14)
     step = 1e-6
     for j in range(9):
         e = step * np.eye(9)[j]
-        np.testing.assert_allclose(a[:, j], (rates(x + e) - rates(x - e)) / (2.0 * step), atol=1e-8)
+        np.testing.assert_allclose(a[:, j], (rates(x + e, turning) - rates(x - e, turning)) / (2.0 * step), atol=1e-8)
 
 
 def test_known_are_the_rows_and_columns_of_the_angles_that_are_there() -> None:
     known = find_known(("P", "Theta", "Q"))
     assert known.tolist() == [[False, True, False], [True, True, True], [False, True, False]]
     a, bias = np.zeros((3, 3)), np.zeros(3)
-    add_known(np.array([0.1, 0.2, 0.3]), find_states(("P", "Theta", "Q")), a, bias)
+    add_known(np.array([0.1, 0.2, 0.3]), find_states(("P", "Theta", "Q")), True, a, bias)
     assert a.tolist() == [[0.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, 0.0]]
     assert bias.tolist() == [0.0, 0.0, 0.0]
 
