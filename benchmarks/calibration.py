@@ -25,6 +25,7 @@ from benchmarks.calibration_beds import (
     flight_test_beds,
     intact_beds,
     mapped,
+    other_beds,
     record,
 )
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
@@ -46,8 +47,10 @@ ESTIMATES = 10.0
 Row = dict[str, Any]
 
 
-def beds(quick: bool) -> list[Bed]:
-    """Return the beds: all, or a few that take a minute."""
+def beds(quick: bool, others: bool = False) -> list[Bed]:
+    """Return the beds: all, a few that take a minute, or those of aircraft that nothing is chosen on."""
+    if others:
+        return list(other_beds())
     found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
     return [bed for bed in found if bed.name in QUICK] if quick else found
 
@@ -251,7 +254,13 @@ def phase_numbers(cells: Sequence[Sequence[Any]]) -> Row:
 
 
 def measure(
-    seeds: Sequence[int], quick: bool, folder: Path | None, say: Callable[[str], None], method: str = ""
+    seeds: Sequence[int],
+    quick: bool,
+    folder: Path | None,
+    say: Callable[[str], None],
+    method: str = "",
+    *,
+    others: bool = False,
 ) -> Row:
     """Fly and judge all beds; what stands in the folder from an earlier call with the same code is not done again.
 
@@ -267,9 +276,11 @@ def measure(
         Told about every flight.
     method
         Of the estimator instead of the profile's.
+    others
+        The beds of aircraft that nothing is chosen on, instead of all others.
     """
     rows: list[Row] = []
-    todo = [(bed, seed) for bed in beds(quick) for seed in seeds]
+    todo = [(bed, seed) for bed in beds(quick, others) for seed in seeds]
     kept = None if folder is None else folder / f"rows{'-' + method if method else ''}-{running_code()[:16]}.jsonl"
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)

@@ -31,6 +31,18 @@ F16 = (
 AIRCRAFT = ("A4", "c172x", "T37", "J3Cub")
 VANES = {"A4": 7.6, "c172x": 2.2, "T37": 3.0, "J3Cub": 1.2}
 """Ahead of the centre of mass [m]."""
+OTHERS = {
+    "737": (15.0, 197.34),
+    "c310": (2.0, 87.04),
+    "DHC6": (5.0, 73.15),
+    "F80C": (5.0, 168.62),
+    "OV10": (4.0, 98.64),
+    "f15": (8.0, 246.67),
+    "pa28": (1.5, 57.32),
+    "t6texan2": (3.0, 104.45),
+}
+"""Aircraft that nothing is chosen on: vane ahead of the centre of mass [m], true airspeed [m/s]."""
+OTHER_FILES = Path(__file__).parent / "aircraft"
 RATES = (25, 50, 100)
 VARIANTS = ("smooth", "dither", "gusts", "loss")
 DITHER = {
@@ -53,11 +65,11 @@ class Bed:
 
     name: str
     group: str
-    """``F-16``, ``intact`` or ``flight test``."""
+    """``F-16``, ``intact``, ``flight test`` or ``other aircraft``."""
     scenario: Scenario
     noise: str
     changes: tuple[tuple[str, Any], ...] = ()
-    """Of the dither, by full name."""
+    """Of the dither and the reference speed, by full name."""
 
     def configuration(self, seed: int) -> Configuration:
         """Return the identifier's: the profile as it ships."""
@@ -114,11 +126,19 @@ def flight_test_beds(
                 )
 
 
+def other_beds(rates: tuple[int, ...] = RATES, variants: tuple[str, ...] = VARIANTS) -> Iterator[Bed]:
+    """Yield flights of flight test of aircraft that nothing is chosen on; their profile has names, rate and speed."""
+    for bed in flight_test_beds(tuple(OTHERS), rates, variants):
+        _, speed = OTHERS[bed.name.split()[0]]
+        yield replace(bed, group="other aircraft", changes=(*bed.changes, ("reference_speed", speed)))
+
+
 def flight_test(name: str, rate: int, variant: str) -> Scenario:
-    """Return the scenario of a flight test: an aircraft of ``config/aircraft``, a rate [Hz], one of `VARIANTS`."""
+    """Return the scenario of a flight test: an aircraft of `AIRCRAFT` or `OTHERS`, a rate [Hz], one of `VARIANTS`."""
     suffix = "_aileron_half" if variant == "loss" else ""
     base = find_scenario(f"flight_test_A4{suffix}")
-    data = find_aircraft(name)
+    data = find_aircraft(OTHER_FILES / f"{name}.yaml" if name in OTHERS else name)
+    vane = OTHERS[name][0] if name in OTHERS else VANES[name]
     dynamics = max(100, math.ceil(data.airframe.least_rate / rate) * rate)
     sensors = base.instruments
     return replace(
@@ -126,11 +146,11 @@ def flight_test(name: str, rate: int, variant: str) -> Scenario:
         name=f"flight_test_{name}_{rate}_{variant}",
         aircraft=data,
         condition=data.condition_names[0],
-        profile=name,
+        profile=base.profile if name in OTHERS else name,
         gusts=GUSTS if variant == "gusts" else 0.0,
         rates=Rates(dynamics, rate, 5),
         faults=tuple(replace(fault, airframe=data.airframe) for fault in base.faults),
-        instruments=None if sensors is None else replace(sensors, vane_position=VANES[name]),
+        instruments=None if sensors is None else replace(sensors, vane_position=vane),
         parameters={},
     )
 

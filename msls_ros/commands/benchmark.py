@@ -66,6 +66,7 @@ def parser() -> argparse.ArgumentParser:
     control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
     calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
     calibration.add_argument("--quick", action="store_true", help="a few beds, a minute")
+    calibration.add_argument("--others", action="store_true", help="eight aircraft that nothing is chosen on, instead")
     calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
     calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
     calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
@@ -145,7 +146,8 @@ def _faults(arguments: argparse.Namespace) -> Any:
 def _calibration(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.calibration")
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "")
+    method, others = arguments.method or "", arguments.others
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, method, others=others)
     if not arguments.json:
         print(module.render(result))
     return result

@@ -20,6 +20,9 @@ so much in error, a delay of 18 ms being plausible before anything is known (`Ba
 
     v_j = q_j^2 sum_i w_ij^2 min( (part theta_i)^2, 4 s^2 / (sum u_i^2 - d_i' w_i) )
 
+Where the regressors explain u_i themselves, as a state does that follows the last input at once, c_i cannot be known
+and shows nowhere: the first of the two holds.
+
 References
 ----------
 Ljung, *System Identification*, 2nd ed., section 16.6 (residuals against past inputs). Greene, *Econometric Analysis*,
@@ -151,12 +154,12 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
         spread[i] = 0.0
     for j in range(x.late.shape[0]):
         left = x.unexplained[j]
-        if left <= 0.0:
-            continue
         prior = s.late_part * x.mixed[q, s.effectors_from + 1 + j]
-        unknown = min(prior * prior, BY_CHANCE * variance / left)
+        unknown = min(prior * prior, BY_CHANCE * variance / left) if left > 0.0 else prior * prior
         for i in range(bias.shape[0]):
             spread[i] += unknown * x.late[j, i] * x.late[j, i]
+        if left <= 0.0:
+            continue
         c = x.cross[q, j] / left
         certain = c * c - BY_CHANCE * variance / left
         if certain > 0.0:

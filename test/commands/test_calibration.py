@@ -9,7 +9,18 @@ import numpy as np
 import pytest
 
 from benchmarks import calibration
-from benchmarks.calibration_beds import Recorded, f16_beds, flight_test_beds, mapped, record
+from benchmarks.calibration_beds import (
+    AIRCRAFT,
+    OTHERS,
+    RATES,
+    VARIANTS,
+    Recorded,
+    f16_beds,
+    flight_test_beds,
+    mapped,
+    other_beds,
+    record,
+)
 
 
 def recorded(n: int = 400, rate: float = 50.0) -> Recorded:
@@ -73,7 +84,7 @@ def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
         flown.append(seed)
         return recorded(n=100, rate=25.0)
 
-    monkeypatch.setattr(calibration, "beds", lambda quick: [bed])
+    monkeypatch.setattr(calibration, "beds", lambda quick, others: [bed])
     monkeypatch.setattr(calibration, "record", fly)
     calibration.measure([1], False, tmp_path, lambda text: None)
     result = calibration.measure([1, 2], False, tmp_path, lambda text: None)
@@ -100,3 +111,15 @@ def test_a_name_through_differentiated_rates_waits_until_its_share_is_right() ->
     for seed in (300, 301, 304):
         names = judged("nozzle_failure", "low", seed, "mapped")["isolations"]
         assert names and all(one["right"] and abs(one["z"]) <= calibration.BAND for one in names), names
+
+
+def test_aircraft_that_nothing_is_chosen_on_have_files_of_their_own_and_are_not_among_the_others() -> None:
+    beds = list(other_beds())
+    assert len(beds) == len(OTHERS) * len(RATES) * len(VARIANTS)
+    assert not set(OTHERS) & set(AIRCRAFT)
+    for bed in beds:
+        name = bed.name.split()[0]
+        configuration = bed.configuration(1)
+        assert bed.group == "other aircraft" and bed.scenario.aircraft.airframe.name == name
+        assert configuration.reference_speed == OTHERS[name][1]
+        assert configuration.sample_rate == bed.scenario.rates.sensors

@@ -2,22 +2,27 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
+from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 
 EFFECT = 8.0
 
 
-def fly(late: float, slow: bool = False, answers: bool = False, by: int = 1) -> tuple[Identifier, Estimate]:
+def fly(
+    late: float, slow: bool = False, answers: bool = False, by: int = 1, keeps: float = 0.8
+) -> tuple[Identifier, Estimate]:
     """Return the identifier after 400 samples in which a share of an effect comes late, and what it says then.
 
-    ``slow``: of inputs that hardly move; ``answers``: with a first state that follows the last input; ``by``: so many
-    samples, at so many times the rate.
+    ``slow``: of inputs that hardly move; ``answers``: with a first state that follows the last input, ``keeps`` that
+    share of what it was; ``by``: so many samples, at so many times the rate.
     """
     n = 400
     x, delta = 0.25 * uniform(n, 3, 31), 0.125 * uniform(n, 2, 32)
@@ -27,7 +32,7 @@ def fly(late: float, slow: bool = False, answers: bool = False, by: int = 1) -> 
     before: Array = np.concatenate([delta[:by, 0], delta[:-by, 0]])
     if answers:
         for k in range(1, n):
-            x[k, 0] = 0.8 * x[k - 1, 0] + 2.0 * delta[k - 1, 0]
+            x[k, 0] = keeps * x[k - 1, 0] + 2.0 * delta[k - 1, 0]
     xdot = 0.05 * uniform(n, 3, 33) - x
     xdot[:, 0] += EFFECT * ((1.0 - late) * delta[:, 0] + late * before)
     xdot[:, 1] += -4.0 * delta[:, 1]
@@ -50,6 +55,16 @@ def test_a_state_that_answers_the_last_input_stands_in_for_it_and_its_bar_says_s
     assert error > 0.3
     assert 0.3 * error < estimate.a_std[0, 0]
     assert error < 1.96 * estimate.a_std[0, 0]
+
+
+def test_where_a_state_is_the_last_input_delays_cannot_be_seen_and_the_bar_allows_for_them() -> None:
+    """Nothing of the late part is left for the errors: only what is plausible before anything is known."""
+    identifier, estimate = fly(0.3, answers=True, keeps=0.0)
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    assert engine.state.unexplained[0] == 0.0
+    error, effector = abs(estimate.b[0, 0] - EFFECT), engine.settings.effectors_from + 1
+    assert 0.25 * EFFECT < error < 1.96 * math.sqrt(lag_square(engine.state, 0, effector))
 
 
 def test_where_both_are_in_step_nothing_is_added() -> None:
