@@ -99,12 +99,14 @@ class Identifier:
         self._enabled = True
         self._followed = -1, -1
         self._turned = -1, 0, 0.0
+        """What of it is known: state, its sign, and the value at the last sample; see `find_rotation`."""
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: estimates, factor, detector, dither sequence."""
         self._regression.reset()
+        self._turned = *self._turned[:2], 0.0
         self._law.reset()
         self._supervisor.reset()
         clear_air(self._air)
@@ -361,7 +363,7 @@ class Identifier:
         if not self._enabled:
             block = self._law.silence(time[part])
             self._dither = block.at(stop - start - 1)
-            return block, np.full(stop - start, self.followed)
+            return block, self._with_known(np.full(stop - start, self._regression.theta[self._followed]), x[part])
         if not isinstance(self._regression, BankRegression):
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
             self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
@@ -380,12 +382,16 @@ class Identifier:
         effects = Knowledge(out.b[part], out.b_variance[part], out.excitation[part], out.alarm[part])
         block = self._law.commands(time[part], effects, delta[part])
         self._dither = block.at(stop - start - 1)
+        return block, self._with_known(out.followed[part], x[part])
+
+    def _with_known(self, followed: Array, x: Array) -> Array:
+        """Return the estimate that is followed, (k,), with what is known of it at the states x, (k, n)."""
         source, sign, _ = self._turned
         if sign == 0:
-            return block, out.followed[part]
-        known = sign * x[part, source]
+            return followed
+        known = sign * x[:, source]
         self._turned = source, sign, float(known[-1])
-        return block, out.followed[part] + known
+        return followed + known
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)

@@ -87,21 +87,20 @@ def read_model(path: Path) -> SavedModel:
     try:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         states, effectors, regressors = (tuple(map(str, content[k])) for k in ("states", "effectors", "regressors"))
-        if "x" not in content:
-            message = (
-                f"the model '{path}' is of an earlier version, without the states x that it holds for; save it anew"
-            )
-            raise EstimationError(message)
-        a, b, bias, covariance, x = (
-            np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance", "x")
-        )
-        return SavedModel(states, effectors, regressors, a, b, bias, covariance, x)
+        a, b, bias, covariance = (np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance"))
+        x = np.array(content["x"], dtype=np.float64) if "x" in content else None
     except OSError as error:
         message = f"the model '{path}' cannot be read: {error.strerror}"
         raise EstimationError(message) from error
     except (yaml.YAMLError, UnicodeDecodeError, KeyError, TypeError, ValueError) as error:
         message = f"'{path}' is not a model that ~/save_model has written: {' '.join(str(error).split())}"
         raise EstimationError(message) from error
+    if x is None:
+        message = (
+            f"the model '{path}' is of an earlier version: it has no x, the states that it holds for; save it anew"
+        )
+        raise EstimationError(message)
+    return SavedModel(states, effectors, regressors, a, b, bias, covariance, x)
 
 
 def start_from(identifier: Identifier, path: Path) -> None:

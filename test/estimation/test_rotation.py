@@ -79,6 +79,13 @@ def test_the_bank_follows_derivatives_that_go_with_the_motion_and_msls_cannot() 
     assert errors("msls")[0] > 10.0 * bank
 
 
+def value(estimate: Estimate, row: str, column: str) -> float:
+    i = FLIGHT_STATES.index(row)
+    if column in EFFECTORS:
+        return float(estimate.b[i, EFFECTORS.index(column)])
+    return float(estimate.a[i, FLIGHT_STATES.index(column)])
+
+
 def test_the_estimate_that_is_followed_is_that_of_the_model() -> None:
     time, x, xdot, delta, _ = flight(300)
     for row, column in (("v", "P"), ("w", "Q"), ("u", "v"), ("P", "da"), ("v", "v")):
@@ -86,10 +93,13 @@ def test_the_estimate_that_is_followed_is_that_of_the_model() -> None:
         identifier.follow(row, column)
         run = identifier.run(time, x, xdot, delta, every=50)
         last = run.estimates[-1]
-        i = FLIGHT_STATES.index(row)
-        entry = last.b[i, EFFECTORS.index(column)] if column in EFFECTORS else last.a[i, FLIGHT_STATES.index(column)]
-        assert np.concatenate(run.followed)[-1] == pytest.approx(float(entry), rel=1e-12)
-        assert identifier.followed == pytest.approx(float(entry), rel=1e-12)
+        assert np.concatenate(run.followed)[-1] == pytest.approx(value(last, row, column), rel=1e-12)
+        assert identifier.followed == pytest.approx(value(last, row, column), rel=1e-12)
+        identifier.enabled = False
+        frozen = identifier.run(time[-1:] + PERIOD, x[:1], xdot[:1], delta[:1])
+        assert frozen.followed[-1][-1] == pytest.approx(value(identifier.estimate(0.0, x[0]), row, column), rel=1e-12)
+        identifier.reset()
+        assert identifier.followed == 0.0
 
 
 @pytest.mark.parametrize("method", ["bank", "msls"])
@@ -113,7 +123,7 @@ def refuse_what_does_not_say_where(identifier: Identifier, estimate: Estimate, p
     content = yaml.safe_load(path.read_text())
     content.pop("x")
     path.write_text(yaml.safe_dump(content))
-    with pytest.raises(EstimationError, match=r"earlier version.*save it anew"):
+    with pytest.raises(EstimationError, match=r"^the model .* is of an earlier version: it has no x, .* save it anew$"):
         read_model(path)
 
 
