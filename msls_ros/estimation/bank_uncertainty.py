@@ -126,8 +126,8 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
 
     Parameters
     ----------
-    x
-        State.
+    s, x
+        Settings and state.
     q, m
         Row, and the member that leads there.
     noise
@@ -140,9 +140,9 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
     R = x.R[g]
     samples = x.taken[g, m]
     for j in range(p):
-        total = (
-            samples * noise[j - 1] * (x.mixed[q, j] + turned_part(s, x, q, j, m)) if 1 <= j <= noise.shape[0] else 0.0
-        )
+        total = 0.0
+        if 1 <= j <= noise.shape[0]:
+            total = samples * noise[j - 1] * (x.mixed[q, j] + turned_part(s, x, q, j, m))
         for k in range(j):
             total -= R[k, j, m] * b[k]
         b[j] = total / R[j, j, m]

@@ -25,7 +25,7 @@ from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
 from msls_ros.estimation.gusts import clear_air, make_air, observe_air
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.kinematics import build_regression, find_rotation, find_states
+from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.estimation.soundness import SOUND, all_within
@@ -85,8 +85,7 @@ class Identifier:
         c = configuration
         self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
         self._regressors = c.regressors
-        known = {s: c.rows.index(s) if c.known_gravity and s in c.rows else -1 for s in "uvw"}
-        self._forces = np.array([known[s] for s in "uvw"], np.int64)
+        self._forces = find_forces(c.rows, c.known_gravity)
         self._states = find_states(c.states)
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []

@@ -132,6 +132,11 @@ def find_states(states: tuple[str, ...]) -> Integers:
     return np.array([states.index(name) if name in states else -1 for name in FLIGHT_STATES], np.int64)
 
 
+def find_forces(rows: tuple[str, ...], known_gravity: bool) -> Integers:
+    """Return where u, v, w stand among the rows: (3,), -1 where absent or where gravity is not subtracted."""
+    return np.array([rows.index(name) if known_gravity and name in rows else -1 for name in "uvw"], np.int64)
+
+
 def find_rotation(states: tuple[str, ...]) -> dict[tuple[int, int], tuple[int, int]]:
     """Return the tangent of ``-omega x v``: by equation and state which state it is, and its sign."""
     found = {}
@@ -162,7 +167,7 @@ def add_partial(x: Array, at: Integers, a: Array, bias: Array, row: int, column:
 
 @compiled
 def add_rotation(x: Array, at: Integers, a: Array, bias: Array) -> None:
-    """As `add_known` of ``-omega x v``, which is of second degree: its tangent at x is twice it, less it."""
+    """Enter the tangent of ``-omega x v`` at x, as `add_known`; the bias holds what the tangent leaves of it."""
     u, v, w = state_of(x, at, U), state_of(x, at, V), state_of(x, at, W)
     p, q, r = state_of(x, at, P), state_of(x, at, Q), state_of(x, at, R)
     for i, level in ((U, r * v - q * w), (V, p * w - r * u), (W, q * u - p * v)):

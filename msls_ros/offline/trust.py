@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
-from msls_ros.estimation.kinematics import GRAVITY, find_rotation
+from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.offline.recompute import Recomputed
 from msls_ros.report.knowledge import gather_knowledge
 from msls_ros.report.recorded import Equation, Event, Models, Trust
@@ -50,7 +50,7 @@ def trust_of(
     time = np.array([(stamp - origin) * 1e-9 for stamp, _ in computed.signals])
     if len(time) != len(x) or np.any(np.diff(time) <= 0.0):
         return None
-    phi, y = regression(configuration, x, xdot, delta)
+    phi, y = regression(configuration, x, xdot, delta, turning=False)
     error = np.array([e for _, (e, _) in computed.signals])
     start = _FIRST * phi.shape[1]
     if len(time) < 2 * start:
@@ -63,10 +63,8 @@ def trust_of(
     chosen = (time >= span[0]) & (time < span[1])
     if chosen.sum() < start:
         return Trust(equations)
-    turned = rotation(configuration, x)
-    inside, compared = _agreement(
-        configuration, _within(models, span), time[chosen], x[chosen], phi[chosen], (y - turned)[chosen]
-    )
+    sample = x[chosen], xdot[chosen], delta[chosen]
+    inside, compared = _agreement(configuration, _within(models, span), time[chosen], *sample)
     return Trust(equations, (float(time[chosen][0]), float(time[chosen][-1])), inside, compared)
 
 
@@ -86,33 +84,16 @@ def _within(models: Models, span: tuple[float, float]) -> Models | None:
     return replace(models, **{name: getattr(models, name)[inside] for name in names})
 
 
-def regression(configuration: Configuration, x: Array, xdot: Array, delta: Array) -> tuple[Array, Array]:
-    """Return regressors (k, p) and outputs (k, r), gravity taken off where it is known; as the identifier has them."""
+def regression(
+    configuration: Configuration, x: Array, xdot: Array, delta: Array, *, turning: bool
+) -> tuple[Array, Array]:
+    """Return regressors (k, p) and outputs (k, r) as the identifier has them; rotation is taken off where asked for."""
     c = configuration
-    rows = [c.states.index(name) for name in c.rows]
-    phi = np.column_stack([x[:, rows], delta, np.ones(len(x))])
-    y = xdot[:, rows].copy()
-    if c.known_gravity and {"Phi", "Theta"} <= set(c.states):
-        roll, pitch = (x[:, c.states.index(name)] for name in ("Phi", "Theta"))
-        down = {
-            "u": -np.sin(pitch),
-            "v": np.sin(roll) * np.cos(pitch),
-            "w": np.cos(roll) * np.cos(pitch),
-        }
-        for name, share in down.items():
-            if name in c.rows:
-                y[:, c.rows.index(name)] -= GRAVITY * share
+    kept = np.array([c.states.index(name) for name in c.rows], np.int64)
+    phi, y = np.empty((len(x), len(c.regressors))), np.empty((len(x), len(kept)))
+    forces, states = find_forces(c.rows, c.known_gravity), find_states(c.states)
+    build_regression(x, xdot, delta, kept, forces, states, turning, phi, y)
     return phi, y
-
-
-def rotation(configuration: Configuration, x: Array) -> Array:
-    """Return what the turning of the body's axes makes of the outputs, where the identifier takes it off: (k, r)."""
-    c = configuration
-    rows = [c.states.index(name) for name in c.rows]
-    turned = np.zeros((len(x), len(rows)))
-    for (row, column), (source, sign) in (find_rotation(c.rows) if c.known_rotation else {}).items():
-        turned[:, row] += 0.5 * sign * x[:, rows[source]] * x[:, rows[column]]  # each product stands there twice
-    return turned
 
 
 def _equation(name: str, time: Array, y: Array, error: Array, step: int) -> Equation:
@@ -128,11 +109,12 @@ def _equation(name: str, time: Array, y: Array, error: Array, step: int) -> Equa
 
 
 def _agreement(
-    configuration: Configuration, models: Models | None, time: Array, x: Array, phi: Array, y: Array
+    configuration: Configuration, models: Models | None, time: Array, x: Array, xdot: Array, delta: Array
 ) -> tuple[int, int]:
     """Return how many of the numbers known in the span agree with least squares over it, and how many those are."""
     if models is None:
         return 0, 0
+    phi, y = regression(configuration, x, xdot, delta, turning=configuration.known_rotation)
     scale = np.sqrt(np.mean(np.square(phi), axis=0))
     moving = scale > 0.0
     scaled = phi[:, moving] / scale[moving]
