@@ -158,7 +158,12 @@ class Model:
         self._fdm.set_property_value("propulsion/set-running", -1)
 
     def _initialise(self) -> None:
-        if not self._fdm.run_ic():
+        try:
+            started = self._fdm.run_ic()
+        except jsbsim.BaseError as error:
+            message = f"JSBSim cannot start the model: {' '.join(str(error).split())}"
+            raise PlantError(message) from error
+        if not started:
             message = "JSBSim cannot start from the initial condition: expected finite states and commands"
             raise PlantError(message)
 

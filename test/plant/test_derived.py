@@ -200,9 +200,17 @@ def test_what_the_model_lacks_is_refused_in_one_sentence() -> None:
     base = condition("c172x")
     first, *others = base.airframe.surfaces
     surfaces = (dataclasses.replace(first, position="fcs/elevator-pos-radd"), *others)
+    ailerons = [
+        dataclasses.replace(one, position=one.position.replace("effective-aileron-pos", "left-aileron-pos-rad"))
+        for one in others
+    ]
     cases: list[tuple[dict[str, Any], str]] = [
         ({"surfaces": surfaces}, "do not read 'fcs/elevator-pos-radd'; expected one of"),
         ({"model": "c172y"}, "model 'c172y' is not among those that ship with JSBSim"),
+        (
+            {"model": "L17", "surfaces": (first, *ailerons)},
+            "cannot start the model: FGPropertyValue::GetValue() The property",
+        ),
         ({"least_rate": 200}, "rate 100 Hz: c172x needs at least 200 steps per second"),
     ]
     for changes, expected in cases:
