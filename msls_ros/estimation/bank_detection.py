@@ -1,17 +1,22 @@
 """Detection of abrupt changes in the bank: the last squared prediction errors against older ones, one setting.
 
-``u`` is the squared one-step error of the member that predicts best (`BankState.sharpest`). Over windows of a few
-lengths l the mean of the last errors is compared with the nominal one, each in units of what noise alone reaches once
-in 1e8 samples (quantile q_l of chi^2_l / l); the largest counts::
+``u`` is the squared one-step error of the member that predicts best (`BankState.sharpest`), or of the mixture if that
+is smaller: what either of them predicts has not changed. (The former remembers a tenth of a second; it knows nothing of
+an effector that has rested since, and errs when it moves again.) Over windows of a few lengths l the mean of the last
+errors is compared with the nominal one, each in units of what noise alone reaches once in 1e8 samples (quantile q_l of
+chi^2_l / l); the largest counts::
 
-    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( base + (floor)^2 energy )          alarm: T > threshold
+    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, moved) + floor^2 energy )       alarm: T > threshold
 
-``base`` is the mean of the errors older than the longest window, ``energy`` what the output had when it was excited
-(`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. ``d``
-is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
-what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
-five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
-added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
+``base`` is the mean of the errors older than the longest window, ``moved = sum se_i^2 h_i^2`` what the standard errors
+of the estimates allow the motion h of the last tenth of a second (`bank_lags.observe_inputs`) to be mispredicted by,
+``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre, and the floor
+does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor
+can be low. ``d`` is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all
+that was seen of it: what is excited for the first time cannot be called changed; it is learnt: no alarm for a second
+after a regressor goes five times as far as ever before. Where one goes twice as far as usual, the error that its own
+standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise
+level enters anywhere.
 
 A fault seldom shows in one equation alone: with the first alarm, and for the longest window after it, a third of the
 threshold suffices for the other rows (`LIKELY`).
@@ -69,7 +74,7 @@ def sense_bank(
         if x.group[q] != group:
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
-        square = sharp * sharp
+        square = min(sharp * sharp, error * error)
         surprise = square / expected
         statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
@@ -117,8 +122,19 @@ def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
     """Return the squared error that row q has usually; infinite while the detector is not armed."""
     if x.counted[q] < x.ring.shape[1] or x.base[q, 1] < s.rest:
         return math.inf
-    nominal = x.base[q, 0] / x.base[q, 1] + s.floor * s.floor * x.remembered[q]
+    usual = max(x.base[q, 0] / x.base[q, 1], moved_square(x, q))
+    nominal = usual + s.floor * s.floor * x.remembered[q]
     return nominal if nominal > 0.0 else math.inf
+
+
+@compiled
+def moved_square(x: BankState, q: int) -> float:
+    """Squared error that row q's standard errors allow the motion of the last moment (`bank_lags.observe_inputs`)."""
+    total = 0.0
+    for i in range(1, x.quick.shape[0]):
+        if x.quick[i] != 0.0:
+            total += x.quick[i] * x.quick[i] * x.square[q, i]
+    return total
 
 
 @compiled

@@ -43,6 +43,8 @@ APART = 0.05
 """Least share of u that the regressors leave unexplained: below, c cannot be known."""
 REDUNDANT = 1e-9
 """Least share of a regressor's square that the others leave unexplained, for it to count."""
+KEEP = 4
+"""Delays, and the best that is known, are looked for at every so manieth sample."""
 FORGOTTEN = 3.0
 """Squares of a known error that delays, forgotten within seconds, add to it at most: it doubles."""
 
@@ -171,15 +173,21 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float) -> Non
         quick = min(samples * x.quick_info[i] / x.info[g, i, s.recent], 1.0)
         bias[i] *= quick * math.sqrt(1.0 + 2.0 * quick)
         spread[i] *= quick * quick * (1.0 + 2.0 * quick)
+        gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0)
+        x.lag_mean[q, i] += gain * (math.sqrt(lag_square_now(x, q, i)) - x.lag_mean[q, i])
 
 
 @compiled
 def lag_square(x: BankState, q: int, i: int) -> float:
-    """Variance of what row q's coefficient i may be off by: between 0 and b, which is known to its own variance."""
-    return float((x.lag_bias[q, i] * x.lag_bias[q, i] + x.lag_spread[q, i]) / 3.0)
+    """Variance of what row q's coefficient i may be off by: between 0 and b, which is known to its own variance.
+
+    No less than it was in the mean over the last seconds.
+    """
+    usual = x.lag_mean[q, i]
+    return float(max(usual * usual, lag_square_now(x, q, i)))
 
 
 @compiled
-def square_in_step(x: BankState, q: int, i: int) -> float:
-    """Squared standard error of coefficient i without late responses: `FORGOTTEN` says what is theirs at most."""
-    return float(max(x.square[q, i] - lag_square(x, q, i), x.square[q, i] / (1.0 + FORGOTTEN)))
+def lag_square_now(x: BankState, q: int, i: int) -> float:
+    """As `lag_square` by the last sums alone: a bias that changes sign is nothing for a moment, and not known then."""
+    return float((x.lag_bias[q, i] * x.lag_bias[q, i] + x.lag_spread[q, i]) / 3.0)

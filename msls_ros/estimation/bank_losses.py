@@ -26,9 +26,8 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_lags import square_in_step
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
-from msls_ros.estimation.bank_uncertainty import long_run_factor
+from msls_ros.estimation.bank_uncertainty import long_run_factor, square_of_change
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
@@ -69,7 +68,7 @@ def keep_reference(s: BankSettings, x: BankState) -> None:
     for q in range(x.mixed.shape[0]):
         begun = x.age[x.group[q]] >= 4 * x.mixed.shape[1]  # few samples: what is known then is no reference yet
         for i in range(x.mixed.shape[1]):
-            x.kept_square[slot, q, i] = square_in_step(x, q, i) if begun else math.inf
+            x.kept_square[slot, q, i] = square_of_change(x, q, i) if begun else math.inf
     x.kept[0] += 1
 
 

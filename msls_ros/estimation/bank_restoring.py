@@ -18,9 +18,9 @@ import math
 
 from msls_ros.estimation.bank import correct, find_information, rotate, solve_gains
 from msls_ros.estimation.bank_forgetting import count_rows
-from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_uncertainty import common_square
 from msls_ros.estimation.compiled import compiled
 
 
@@ -85,7 +85,7 @@ def information_before(x: BankState, g: int, i: int) -> float:
         if x.group[q] != g:
             continue
         slack = TOLERANCE * x.theta_before[q, i]
-        variance = x.square_before[q, i] + lag_square(x, q, i) + slack * slack
+        variance = x.square_before[q, i] + common_square(x, q, i) + slack * slack
         if x.pending[q] == 0 or x.base[q, 1] <= 0.0 or not 0.0 < variance < math.inf:
             return 0.0
         least = min(least, x.base[q, 0] / x.base[q, 1] / variance)

@@ -12,11 +12,11 @@ from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
-from msls_ros.estimation.bank_lags import observe_inputs, regress_steps, square_in_step
+from msls_ros.estimation.bank_lags import KEEP, observe_inputs, regress_steps
 from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
-from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance
+from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import (
@@ -31,9 +31,6 @@ from msls_ros.estimation.state import Output
 
 SHARPEN = 4
 """The sharpest member of a row is looked for at every so manieth sample, and at every one after a restart."""
-
-KEEP = 4
-"""The best known is looked for at every so manieth sample."""
 
 WEIGH = 2
 """The shares of a row's members are computed anew at every so manieth sample, and at every one after a restart."""
@@ -74,9 +71,9 @@ def advance_bank(
         work.phi[0] = phi[n, p - 1]
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
+        observe_inputs(s, x, work.phi)
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
-        observe_inputs(s, x, work.phi)
         observe_place(s, x, work.phi, time[n])
         if any_alarm:
             split_bank(s, x, out.alarm[n])
@@ -226,7 +223,7 @@ def keep_before(x: BankState, q: int) -> None:
     p = x.mixed.shape[1]
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        x.square_before[q, i] = square_in_step(x, q, i)
+        x.square_before[q, i] = square_of_change(x, q, i)
 
 
 @compiled

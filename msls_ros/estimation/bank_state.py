@@ -158,7 +158,7 @@ class BankState(NamedTuple):
     shared_gate: Array
     """(g,) the mean over the rows of the group."""
     ring: Array
-    """(r, w) last squared prediction errors of the sharpest member."""
+    """(r, w) last squared prediction errors, of the sharpest member or the mixture."""
     surprise: Array
     """(r, w) the same over 1 + d of the reference member and over what is new of the regressors."""
     counted: Integers
@@ -197,6 +197,8 @@ class BankState(NamedTuple):
     """(r, c) sums of prediction errors times the last effectors."""
     lag_spread: Array
     """(r, p) its variance."""
+    lag_mean: Array
+    """(r, p) mean of the root of `bank_lags.lag_square_now` over seconds."""
     lag_bias: Array
     """(r, p) what the estimates may be off by because outputs and effectors are not in step."""
     pending: Integers
@@ -346,6 +348,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unexplained=np.zeros(effectors),
         cross=np.zeros((rows, effectors)),
         lag_spread=np.zeros((rows, p)),
+        lag_mean=np.zeros((rows, p)),
         lag_bias=np.zeros((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),

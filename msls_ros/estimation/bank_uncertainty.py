@@ -276,6 +276,22 @@ def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
 
 
 @compiled
+def common_square(x: BankState, q: int, i: int) -> float:
+    """Square of what coefficient i is off by in every estimate alike: late responses, what no averaging removes."""
+    stays = SYSTEMATIC * autocorrelation(x, q) * x.mixed[q, i]
+    return float(lag_square(x, q, i) + stays * stays)
+
+
+@compiled
+def square_of_change(x: BankState, q: int, i: int) -> float:
+    """Squared error of coefficient i in a comparison with a later estimate, which does not see `common_square`.
+
+    `FORGOTTEN` says what is common at most.
+    """
+    return float(max(x.square[q, i] - common_square(x, q, i), x.square[q, i] / (1.0 + FORGOTTEN)))
+
+
+@compiled
 def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
     """Squared standard error of coefficient i (constant first) by the best that was known."""
     if x.best_square[q, i] == math.inf:
@@ -295,10 +311,12 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
 
 @compiled
 def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Return `known_square` and what speaks against it now, of delays no more than is forgotten of them."""
+    """Return `known_square` and what speaks against it now: of delays, after the first seconds, what is forgotten."""
     if x.best_square[q, i] == math.inf:
         return math.inf
-    late = min(lag_square(x, q, i), FORGOTTEN * x.best_square[q, i])
+    late = lag_square(x, q, i)
+    if x.samples[0] * (1.0 - s.colour_forgetting) > 1.0:
+        late = min(late, FORGOTTEN * x.best_square[q, i])
     return float(known_square(s, x, q, i) + disagreement(s, x, q, i) + late)
 
 

@@ -11,6 +11,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_uncertainty import square_of_change
 from msls_ros.estimation.kernel import Array
 
 EFFECT = 8.0
@@ -65,6 +66,38 @@ def test_where_a_state_is_the_last_input_delays_cannot_be_seen_and_the_bar_allow
     assert engine.state.unexplained[0] == 0.0
     error, effector = abs(estimate.b[0, 0] - EFFECT), engine.settings.effectors_from + 1
     assert 0.25 * EFFECT < error < 1.96 * math.sqrt(lag_square(engine.state, 0, effector))
+
+
+@pytest.mark.parametrize("late", [0.5, 0.7, 1.0])
+def test_what_seemed_known_before_a_delay_could_show_does_not_hold_the_bar_down(late: float) -> None:
+    """In the first moment a few samples fit any delay, and the bar is small; what shows after 3 s counts in full."""
+    n = 160
+    x, delta = 0.25 * uniform(n, 3, 41), 0.125 * uniform(n, 2, 42)
+    before: Array = np.concatenate([delta[:1, 0], delta[:-1, 0]])
+    xdot = 5e-4 * uniform(n, 3, 43) - x
+    xdot[:, 0] += EFFECT * ((1.0 - late) * delta[:, 0] + late * before)
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates
+    assert abs(estimates[-1].b[0, 0] - EFFECT) < 1.96 * estimates[-1].b_std[0, 0]
+
+
+def test_a_bias_that_is_nothing_for_a_moment_is_still_allowed_for() -> None:
+    identifier, _ = fly(0.3)
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    state, effector = engine.state, engine.settings.effectors_from + 1
+    before = lag_square(state, 0, effector)
+    state.lag_bias[:], state.lag_spread[:] = 0.0, 0.0
+    assert 0.3 * before < lag_square(state, 0, effector) <= before
+
+
+def test_a_comparison_does_not_see_what_is_in_both_estimates() -> None:
+    identifier, _ = fly(0.3)
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    state, effector = engine.state, engine.settings.effectors_from + 1
+    assert lag_square(state, 0, effector) > 0.5 * state.square[0, effector]
+    assert 0.0 < square_of_change(state, 0, effector) < 0.3 * state.square[0, effector]
 
 
 def test_where_both_are_in_step_nothing_is_added() -> None:
