@@ -8,15 +8,15 @@ chi^2_l / l); the largest counts::
 
     T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, moved) + floor^2 energy )       alarm: T > threshold
 
-``base`` is the mean of the errors older than the longest window, ``moved = sum se_i^2 h_i^2`` what the standard errors
-of the estimates allow the motion h of the last tenth of a second (`bank_lags.observe_inputs`) to be mispredicted by,
-``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre, and the floor
-does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor
-can be low. ``d`` is that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all
-that was seen of it: what is excited for the first time cannot be called changed; it is learnt: no alarm for a second
-after a regressor goes five times as far as ever before. Where one goes twice as far as usual, the error that its own
-standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise
-level enters anywhere.
+``base`` is the mean of that member's errors older than the longest window, ``moved = sum se_i^2 h_i^2`` what the
+standard errors of the estimates allow the motion h of the last tenth of a second (`bank_lags.observe_inputs`) to be
+mispredicted by, ``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre,
+and the floor does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model
+error, so the floor can be low. ``d`` is that of the reference member, the longest memory, and ``n`` by how much a
+regressor exceeds all that was seen of it: what is excited for the first time cannot be called changed; it is learnt: no
+alarm for a second after a regressor goes five times as far as ever before. Where one goes twice as far as usual, the
+error that its own standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all
+samples. No noise level enters anywhere.
 
 A fault seldom shows in one equation alone: with the first alarm, and for the longest window after it, a third of the
 threshold suffices for the other rows (`LIKELY`).
@@ -74,8 +74,8 @@ def sense_bank(
         if x.group[q] != group:
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
-        square = min(sharp * sharp, error * error)
-        surprise = square / expected
+        square = sharp * sharp
+        surprise = min(square, error * error) / expected
         statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
         if statistic[q] > limit and x.learning[0] == 0:

@@ -158,9 +158,9 @@ class BankState(NamedTuple):
     shared_gate: Array
     """(g,) the mean over the rows of the group."""
     ring: Array
-    """(r, w) last squared prediction errors, of the sharpest member or the mixture."""
+    """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
-    """(r, w) the same over 1 + d of the reference member and over what is new of the regressors."""
+    """(r, w) the same, or the mixture's if smaller, over 1 + d of the reference member and what is new."""
     counted: Integers
     """(r,) errors in the ring since the last restart; negative: samples of rest left."""
     base: Array

@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "e2cae7ef3c017eccec1bdf919f1a8f8c"
+PINNED = "af990c26af1a9bf4f642df24c3ed8ee9"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
