@@ -40,6 +40,11 @@ OTHERS = {
     "f15": (8.0, 246.67),
     "pa28": (1.5, 57.32),
     "t6texan2": (3.0, 104.45),
+    "F4N": (6.0, 207.53),
+    "global5000": (12.0, 197.34),
+    "c182": (2.0, 60.05),
+    "Concorde": (20.0, 268.97),
+    "B747": (20.0, 211.43),
 }
 """Aircraft that nothing is chosen on: vane ahead of the centre of mass [m], true airspeed [m/s]."""
 OTHER_FILES = Path(__file__).parent / "aircraft"
