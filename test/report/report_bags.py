@@ -37,7 +37,7 @@ def simulate(seed: int = 0) -> tuple[Any, Any, Any, Any, Any]:
     b = np.zeros((9, 7))
     b[:6] = random.normal(size=(6, 7)) * 0.1
     b[3, 2], b[4, 0] = 1.6, -3.0
-    delta[np.searchsorted(time, FAULT + 0.5 * STEP * 1e-9), [0, 2]] = 0.15
+    delta[np.searchsorted(time, FAULT + 0.5 * STEP * 1e-9), [0, 2]] = 0.2
     truth = np.repeat(b[None], count, axis=0)
     truth[time > FAULT, 3, 2] *= 0.5
     truth[time > FAULT, 4, 0] *= 0.5
