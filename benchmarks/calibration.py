@@ -48,7 +48,7 @@ Row = dict[str, Any]
 
 
 def beds(quick: bool, others: bool = False) -> list[Bed]:
-    """Return the beds: all, a few that take a minute, or those of aircraft that nothing is chosen on."""
+    """Return the beds: all, a few that take a minute, or those of other aircraft."""
     if others:
         return list(other_beds())
     found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
@@ -277,7 +277,7 @@ def measure(
     method
         Of the estimator instead of the profile's.
     others
-        The beds of aircraft that nothing is chosen on, instead of all others.
+        The beds of other aircraft, `OTHERS`, instead.
     """
     rows: list[Row] = []
     todo = [(bed, seed) for bed in beds(quick, others) for seed in seeds]

@@ -67,7 +67,7 @@ def parser() -> argparse.ArgumentParser:
     calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
     which = calibration.add_mutually_exclusive_group()
     which.add_argument("--quick", action="store_true", help="a few beds, a minute")
-    which.add_argument("--others", action="store_true", help="thirteen aircraft that nothing is chosen on, instead")
+    which.add_argument("--others", action="store_true", help="thirteen other aircraft, instead")
     calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
     calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
     calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")

@@ -57,10 +57,7 @@ ROOM = 1.5
 
 @compiled
 def keep_reference(s: BankSettings, x: BankState) -> None:
-    """Keep the estimates of now and their errors, every `BankSettings.stride` samples.
-
-    What late responses do to estimates they do to the next ones as well: a comparison does not see it.
-    """
+    """Keep the estimates of now and their errors in a comparison, every `BankSettings.stride` samples."""
     if x.samples[0] % s.stride != 0:
         return
     slot = x.kept[0] % x.kept_theta.shape[0]
