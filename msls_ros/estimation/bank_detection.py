@@ -8,7 +8,7 @@ chi^2_l / l); the largest counts::
 
     T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, moved) + floor^2 energy )       alarm: T > threshold
 
-``base`` is the mean of that member's errors older than the longest window, ``moved = sum se_i^2 h_i^2`` what the
+``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2`` what the
 standard errors of the estimates allow the motion h of the last tenth of a second (`bank_lags.observe_inputs`) to be
 mispredicted by, ``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre,
 and the floor does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model
@@ -18,8 +18,9 @@ alarm for a second after a regressor goes five times as far as ever before. Wher
 error that its own standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all
 samples. No noise level enters anywhere.
 
-A fault seldom shows in one equation alone: with the first alarm, and for the longest window after it, a third of the
-threshold suffices for the other rows (`LIKELY`).
+A fault seldom shows in one equation alone: where two rows reach a good half of the threshold at once, both alarm
+(`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other
+rows (`LIKELY`), by the standard errors of before, which the fault itself has not made wider yet.
 """
 
 from __future__ import annotations
@@ -33,6 +34,11 @@ from msls_ros.estimation.kernel import Array, Integers
 
 LIKELY = 1.0 / 3.0
 """Share of the threshold that suffices for other rows where one has just alarmed: what noise reaches once in 1e3."""
+PAIR = 0.41
+"""Share of the threshold that suffices where two rows reach it at once.
+
+Noise reaches that, by every window, once in 1e4 at most: two rows at once no oftener than one reaches the whole.
+"""
 FURTHER = 4.0
 """Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
@@ -75,17 +81,24 @@ def sense_bank(
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
         square = sharp * sharp
-        surprise = min(square, error * error) / expected
+        smaller = min(square, error * error)
+        surprise = smaller / expected
         statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
         if statistic[q] > limit and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
         else:
-            remember_square(s, x, q, square, surprise)
+            remember_square(s, x, q, square, smaller, surprise)
     if x.alert[0] > 0:
         x.alert[0] -= 1
-    elif any_alarm:
+        return any_alarm
+    if not any_alarm and x.learning[0] == 0:
+        above = 0
+        for q in range(y.shape[0]):
+            above += 1 if statistic[q] > PAIR * s.threshold else 0
+        any_alarm = above > 1
+    if any_alarm:
         x.alert[0] = x.ring.shape[1]
         for q in range(y.shape[0]):
             if statistic[q] > LIKELY * s.threshold:
@@ -122,7 +135,7 @@ def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
     """Return the squared error that row q has usually; infinite while the detector is not armed."""
     if x.counted[q] < x.ring.shape[1] or x.base[q, 1] < s.rest:
         return math.inf
-    usual = max(x.base[q, 0] / x.base[q, 1], moved_square(x, q))
+    usual = max(x.base[q, 2] / x.base[q, 1], moved_square(x, q))
     nominal = usual + s.floor * s.floor * x.remembered[q]
     return nominal if nominal > 0.0 else math.inf
 
@@ -133,7 +146,10 @@ def moved_square(x: BankState, q: int) -> float:
     total = 0.0
     for i in range(1, x.quick.shape[0]):
         if x.quick[i] != 0.0:
-            total += x.quick[i] * x.quick[i] * x.square[q, i]
+            square = x.square_moved[q, i]
+            if x.alert[0] > 0:
+                square = min(square, x.square_past[1, q, i])
+            total += x.quick[i] * x.quick[i] * square
     return total
 
 
@@ -160,16 +176,22 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: f
 
 
 @compiled
-def remember_square(s: BankSettings, x: BankState, q: int, square: float, surprise: float) -> None:
+def remember_square(s: BankSettings, x: BankState, q: int, square: float, smaller: float, surprise: float) -> None:
     """Push a squared error into row q's window, after the rest; what leaves it enters the nominal one."""
     if x.counted[q] < 0:
         x.counted[q] += 1
         return
     size = x.ring.shape[1]
     slot = x.counted[q] % size
+    if slot == 0:
+        for i in range(x.square.shape[1]):
+            x.square_past[1, q, i] = x.square_past[0, q, i]
+            x.square_past[0, q, i] = x.square_moved[q, i]
     if x.counted[q] >= size:
         x.base[q, 0] = s.base * x.base[q, 0] + x.ring[q, slot]
         x.base[q, 1] = s.base * x.base[q, 1] + 1.0
+        x.base[q, 2] = s.base * x.base[q, 2] + x.smaller[q, slot]
+    x.smaller[q, slot] = smaller
     x.ring[q, slot] = square
     x.surprise[q, slot] = surprise
     x.counted[q] += 1

@@ -65,7 +65,7 @@ def keep_reference(s: BankSettings, x: BankState) -> None:
     for q in range(x.mixed.shape[0]):
         begun = x.age[x.group[q]] >= 4 * x.mixed.shape[1]  # few samples: what is known then is no reference yet
         for i in range(x.mixed.shape[1]):
-            x.kept_square[slot, q, i] = square_of_change(x, q, i) if begun else math.inf
+            x.kept_square[slot, q, i] = square_of_change(x, q, i, x.square[q, i]) if begun else math.inf
     x.kept[0] += 1
 
 

@@ -205,6 +205,10 @@ def restart_row(x: BankState, q: int) -> None:
     for i in range(p):
         x.best_square[q, i] = math.inf
         x.square[q, i] = math.inf
+        x.square_lately[q, i] = 0.0
+        x.square_moved[q, i] = math.inf
+        x.square_past[0, q, i] = math.inf
+        x.square_past[1, q, i] = math.inf
     for m in range(members):
         for k in range(3):
             x.evidence[q, k, m] = 0.0
@@ -223,7 +227,7 @@ def keep_before(x: BankState, q: int) -> None:
     p = x.mixed.shape[1]
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        x.square_before[q, i] = square_of_change(x, q, i)
+        x.square_before[q, i] = square_of_change(x, q, i, x.square_moved[q, i])
 
 
 @compiled

@@ -161,10 +161,16 @@ class BankState(NamedTuple):
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
     """(r, w) the same, or the mixture's if smaller, over 1 + d of the reference member and what is new."""
+    smaller: Array
+    """(r, w) that smaller one itself."""
+    square_moved: Array
+    """(r, p) these without the bias by noise in the states, which mispredicts nothing."""
+    square_past: Array
+    """(2, r, p) the same of one to two windows ago; infinite: none."""
     counted: Integers
     """(r,) errors in the ring since the last restart; negative: samples of rest left."""
     base: Array
-    """(r, 2) weighted sum of older squared errors, and of the weights."""
+    """(r, 3) weighted sums of older squared errors, of the weights, and of the smaller squared errors."""
     e: Array
     """(r,) last normalised prediction errors of the mixture; NaN: none."""
     residual: Array
@@ -229,6 +235,8 @@ class BankState(NamedTuple):
     """(g,) samples left that straddle a change."""
     square: Array
     """(r, p) squared standard errors, constant first."""
+    square_lately: Array
+    """(r, p) the largest of these of the last moment, by what is known now, fading; 0: none."""
     best: Array
     """(r, p) the best known estimates, constant first."""
     best_square: Array
@@ -330,8 +338,11 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         shared_gate=np.zeros(groups),
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
+        smaller=np.zeros((rows, w)),
+        square_moved=np.zeros((rows, p)),
+        square_past=np.zeros((2, rows, p)),
         counted=np.zeros(rows, np.int64),
-        base=np.zeros((rows, 2)),
+        base=np.zeros((rows, 3)),
         e=np.zeros(rows),
         residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
@@ -364,6 +375,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         alert=np.zeros(1, np.int64),
         waiting=np.zeros(groups, np.int64),
         square=np.zeros((rows, p)),
+        square_lately=np.zeros((rows, p)),
         best=np.zeros((rows, p)),
         best_square=np.zeros((rows, p)),
         best_time=np.zeros((rows, p)),
@@ -396,6 +408,8 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.e[:] = math.nan
     x.best_square[:] = math.inf
     x.square[:] = math.inf
+    x.square_moved[:] = math.inf
+    x.square_past[:] = math.inf
     x.counted[:] = -s.rest
     clear_factors(s, x, 0)
 

@@ -2,7 +2,7 @@
 
 Per coefficient, with the members' shares W and informations I (`bank_mixing`)::
 
-    now_i^2 = (s^2 c + sum W_m I_mi (theta_mi - theta_i)^2) / sum W_m I_mi  +  b_i^2  +  (f rho theta_i)^2
+    now_i^2 = (s^2 c + 3 sum W_m I_mi (theta_mi - theta_i)^2) / sum W_m I_mi  +  b_i^2 / 2  +  (f rho theta_i)^2
 
 The first term is covariance intersection times the variance of the residual. ``s^2`` is the mean of the members'
 squared one-step prediction errors, each over 1 + d; they count once the estimates that made them could know anything.
@@ -10,11 +10,12 @@ squared one-step prediction errors, each over 1 + d; they count once the estimat
 the degrees of freedom that the parameters have taken and the tails that few leave, ``n/(n - k - 2)``, k of the p of
 which are determined by the data and not by what the prior holds (`learnt_from_data`). The second term, the spread
 between members, is the uncertainty about the model itself. ``b`` is the bias by noise in the states and by gusts
-(`regressor_noise`), for the member that counts most. The last is what no averaging removes: residuals that are
-autocorrelated are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past
-inputs explain of the residuals (`bank_lags`). Where the aircraft is elsewhere in the envelope than on average over the
-memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see below. The derivative of an angular
-acceleration by another rate also goes with the third one, through the inertia (`inertial_square`).
+(`regressor_noise`), for the member that counts most, the root of the sum of squares over the states: how noisy each is
+is not known well enough for them to cancel. The last is what no averaging removes: residuals that are autocorrelated
+are model error (records that are late, vanes, couplings), a share f rho of the estimate; and what past inputs explain
+of the residuals (`bank_lags`). Where the aircraft is elsewhere in the envelope than on average over the memory of that
+member, ``(theta_i |place - mean place| / reach)^2`` is added: see below. The derivative of an angular acceleration by
+another rate also goes with the third one, through the inertia (`inertial_square`).
 
 **What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
 estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
@@ -28,7 +29,8 @@ shows of a change counts little in the evidence, but it must not be hidden.
 
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
-which is what the last term allows for. Where now is no worse than what is kept, it is kept instead.
+which is what the last term allows for. Where now is no worse than what is kept, and has been so for half a second, it
+is kept instead: a bias that changes sign passes through nothing, and is not known to be nothing then.
 
 Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``k + 2``
 samples, a few with what states keep through a fault (`bank_forgetting`).
@@ -45,18 +47,39 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_lags import FORGOTTEN, find_lag_bias, lag_square, observe_lag
+from msls_ros.estimation.bank_lags import (
+    FORGOTTEN,
+    KEEP,
+    find_lag_bias,
+    first_seconds,
+    lag_square,
+    observe_lag,
+)
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
-REACH_STATES, REACH_EFFECTORS = 0.1, 0.2
-"""Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1]."""
+REACH_STATES, REACH_EFFECTORS = 0.16, 0.32
+"""Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1].
+
+With .1, .2, 95 % of the errors were within .5 to 1.4 of a bar that this dominates (1.96 is due), in all sets of `LATE`.
+"""
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
-SYSTEMATIC = 0.12
-"""Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1]."""
+SYSTEMATIC = 0.076
+"""Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1].
+
+With .12, 95 % of the errors were within .4 to 1.2 (twice 1.7, 1.8) of a bar that this dominates.
+"""
+ATTENUATED = 0.5
+"""Share of the squared bias by noise in the states that counts: in full, 95 % of the errors were within .8 to 1.4."""
+SPREAD = 3.0
+"""So many times the spread between members counts: where once it dominated, 95 % of the errors were within 2 to 11."""
+PARTED = 0.6
+"""Share of a squared error that counts in a comparison at least: with .25, three wrong names in 96 flights, not one."""
+LATELY = 0.125
+"""Memory of what is kept only where it has been so for a while, over that of the autocorrelation [1]: half a second."""
 LARGEST_COLOUR = 0.98
 """The autocorrelation is not taken for more: the memory holds no more independent stretches."""
 
@@ -121,8 +144,8 @@ def residual_variance(x: BankState, q: int) -> float:
 
 
 @compiled
-def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
-    """Bias of row q's estimates by noise in the states: (p,) out, constant first.
+def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: Array, b: Array) -> None:
+    """Squared bias of row q's estimates by noise in the states, summed over these: (p,) out, constant first.
 
     Parameters
     ----------
@@ -132,25 +155,31 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
         Row, and the member that leads there.
     noise
         (r,) variance of the noise in the states, that are the first regressors.
+    w
+        (p,) scratch.
     b
         (p,) out.
     """
     p = b.shape[0]
     g = x.group[q]
     R = x.R[g]
-    samples = x.taken[g, m]
-    for j in range(p):
-        total = 0.0
-        if 1 <= j <= noise.shape[0]:
-            total = samples * noise[j - 1] * (x.mixed[q, j] + turned_part(s, x, q, j, m))
-        for k in range(j):
-            total -= R[k, j, m] * b[k]
-        b[j] = total / R[j, j, m]
-    for j in range(p - 1, -1, -1):
-        total = b[j]
-        for k in range(j + 1, p):
-            total -= R[j, k, m] * b[k]
-        b[j] = total / R[j, j, m]
+    for i in range(p):
+        b[i] = 0.0
+    for n in range(1, noise.shape[0] + 1):
+        amount = x.taken[g, m] * noise[n - 1] * (x.mixed[q, n] + turned_part(s, x, q, n, m))
+        if amount == 0.0:
+            continue
+        for j in range(p):
+            total = amount if j == n else 0.0
+            for k in range(n, j):
+                total -= R[k, j, m] * w[k]
+            w[j] = total / R[j, j, m]
+        for j in range(p - 1, -1, -1):
+            total = w[j]
+            for k in range(j + 1, p):
+                total -= R[j, k, m] * w[k]
+            w[j] = total / R[j, j, m]
+            b[j] += w[j] * w[j]
 
 
 @compiled
@@ -211,7 +240,7 @@ def direct_squares(
         return False
     variance = residual_variance(x, q) * age / free
     share = SYSTEMATIC * autocorrelation(x, q)
-    attenuation(s, x, q, leader, noise, bias)
+    attenuation(s, x, q, leader, noise, squares, bias)
     away = distance_from_mean(s, x, q, leader)
     for i in range(p):
         info = x.info[x.group[q], i]
@@ -220,7 +249,8 @@ def direct_squares(
             difference = theta[m] - x.mixed[q, i]
             products[m] = x.weight[q, m] * info[m] * difference * difference
         stays = share * x.mixed[q, i]
-        squares[i] = (variance + sum_members(products)) / x.known[q, i] + bias[i] * bias[i] + stays * stays
+        squares[i] = (variance + SPREAD * sum_members(products)) / x.known[q, i]
+        squares[i] += ATTENUATED * bias[i] + stays * stays
         squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
         if s.coupled[q + 1, i] >= 0:
             squares[i] += inertial_square(turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
@@ -283,12 +313,12 @@ def common_square(x: BankState, q: int, i: int) -> float:
 
 
 @compiled
-def square_of_change(x: BankState, q: int, i: int) -> float:
+def square_of_change(x: BankState, q: int, i: int, square: float) -> float:
     """Squared error of coefficient i in a comparison with a later estimate, which does not see `common_square`.
 
-    `FORGOTTEN` says what is common at most.
+    Of ``square``, what it is in all. `PARTED` says what counts at least.
     """
-    return float(max(x.square[q, i] - common_square(x, q, i), x.square[q, i] / (1.0 + FORGOTTEN)))
+    return float(max(square - common_square(x, q, i), PARTED * square))
 
 
 @compiled
@@ -315,7 +345,7 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
     if x.best_square[q, i] == math.inf:
         return math.inf
     late = lag_square(x, q, i)
-    if x.samples[0] * (1.0 - s.colour_forgetting) > 1.0:
+    if not first_seconds(s, x):
         late = min(late, FORGOTTEN * x.best_square[q, i])
     return float(known_square(s, x, q, i) + disagreement(s, x, q, i) + late)
 
@@ -326,14 +356,19 @@ def keep_best(
 ) -> None:
     """Keep row q's estimates where they are known better than what is kept is good for now."""
     if x.residual[q, 1] > 0.0:
-        find_lag_bias(s, x, q, x.residual[q, 0] / x.residual[q, 1])
-    direct_squares(s, x, q, noise, products, bias, squares)
+        find_lag_bias(s, x, q, x.residual[q, 0] / x.residual[q, 1], long_run_factor(x, q))
+    fade = max(1.0 - KEEP * (1.0 - s.colour_forgetting) / LATELY, 0.0)
+    begun = direct_squares(s, x, q, noise, products, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)
         x.square[q, i] = min(squares[i], carried)
-        if squares[i] < math.inf and squares[i] <= known_square(s, x, q, i):
+        x.square_moved[q, i] = min(squares[i] - ATTENUATED * bias[i] if begun else math.inf, carried)
+        if squares[i] == math.inf:
+            continue
+        x.square_lately[q, i] = max(squares[i], fade * x.square_lately[q, i])
+        if x.square_lately[q, i] <= known_square(s, x, q, i):
             x.best[q, i] = x.mixed[q, i]
-            x.best_square[q, i] = squares[i]
+            x.best_square[q, i] = x.square_lately[q, i]
             x.best_time[q, i] = x.clock[0]
             for j in range(x.place.shape[0]):
                 x.best_place[q, i, j] = x.place[j]

@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "af990c26af1a9bf4f642df24c3ed8ee9"
+PINNED = "3dcf9821a13d99d61a30951a92a6a4eb"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
@@ -278,7 +278,7 @@ def test_the_bar_of_an_inertial_coupling_allows_for_the_rate_that_it_goes_with()
         return float(np.mean(np.abs(off) <= 1.96 * np.array([e.a_std[1, 2] for e in estimates])))
 
     assert covered(("P", "Q", "R")) >= 0.95
-    assert covered(("p", "q", "r")) < 0.5, "of states that are no rates the estimator cannot know it"
+    assert covered(("p", "q", "r")) < 0.6, "of states that are no rates the estimator cannot know it"
 
 
 def test_samples_whose_window_straddles_a_change_do_not_enter_the_restarted_rows() -> None:

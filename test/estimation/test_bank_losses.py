@@ -94,7 +94,7 @@ def test_what_is_known_of_everything_else_is_kept() -> None:
     before, after = estimates[k - 1], estimates[k + 1]
     assert after.a_std[0, 0] < 1.2 * before.a_std[0, 0]
     assert after.b_std[0, 0] > 2.0 * before.b_std[0, 0]
-    assert after.b[0, 0] < 0.75 * before.b[0, 0]
+    assert abs(after.b[0, 0] - 4.0) < 3.0 * after.b_std[0, 0]  # by one sample it is anywhere within its bar
     assert estimates[-1].b[0, 0] == pytest.approx(4.0, abs=3.0 * estimates[-1].b_std[0, 0])
 
 
