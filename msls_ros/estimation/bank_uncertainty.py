@@ -73,11 +73,11 @@ SYSTEMATIC = 0.076
 With .12, 95 % of the errors were within .4 to 1.2 (twice 1.7, 1.8) of a bar that this dominates.
 """
 ATTENUATED = 0.5
-"""Share of the squared bias by noise in the states that counts: in full, 95 % of the errors were within .8 to 1.4."""
+"""Share of the squared bias by noise in the states that counts: in full, 95 % of A's errors were within .9 to 1.4."""
 SPREAD = 3.0
 """So many times the spread between members counts: where once it dominated, 95 % of the errors were within 2 to 11."""
 PARTED = 0.6
-"""Share of a squared error that counts in a comparison at least: with .25, three wrong names in 96 flights, not one."""
+"""Share of a squared error that counts in a comparison at least: with .25, three wrong names in 96 flights, now one."""
 LATELY = 0.125
 """Memory of what is kept only where it has been so for a while, over that of the autocorrelation [1]: half a second."""
 LARGEST_COLOUR = 0.98
