@@ -18,7 +18,7 @@ alarm for a second after a regressor goes five times as far as ever before. Wher
 error that its own standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all
 samples. No noise level enters anywhere.
 
-A fault seldom shows in one equation alone: where two rows reach a good half of the threshold at once, both alarm
+A fault seldom shows in one equation alone: where two rows reach two fifths of the threshold at once, both alarm
 (`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other
 rows (`LIKELY`), by the standard errors of before, which the fault itself has not made wider yet.
 """

