@@ -59,6 +59,11 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     count = x.taken[g]
     for m in range(members):
         count[m] = (1.0 - work.loss[m]) * count[m] + 1.0
+        work.e[m] = 1.0 / count[m] if x.age[g] > 0 else 1.0
+    for i in range(1, s.effectors_from + 1):
+        centre = x.centre[g, i]
+        for m in range(members):
+            centre[m] += work.e[m] * (work.phi[i] - centre[m])
     if x.samples[0] % RETURN == 0 and x.age[g] > 0:
         turn = (x.samples[0] // RETURN) % p
         for i in range(p):

@@ -39,6 +39,8 @@ PAIR = 0.41
 
 Noise reaches that, by every window, once in 1e4 at most: two rows at once no oftener than one reaches the whole.
 """
+BY_NOISE = 9.0
+"""Squared standard deviations of the noise in a deflection beyond which it is motion."""
 FURTHER = 4.0
 """Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
@@ -83,7 +85,7 @@ def sense_bank(
         square = sharp * sharp
         smaller = min(square, error * error)
         surprise = smaller / expected
-        statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(x, q, phi))
+        statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(s, x, q, phi))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
         if statistic[q] > limit and x.learning[0] == 0:
             alarm[q] = 1
@@ -120,13 +122,13 @@ def uncertainty_of(R: Array, m: int, phi: Array, w: Array) -> float:
 
 
 @compiled
-def unknown_square(x: BankState, q: int, phi: Array) -> float:
+def unknown_square(s: BankSettings, x: BankState, q: int, phi: Array) -> float:
     """Squared error that row q may have because regressors go further than those that its estimates are known by."""
     total = 0.0
     for i in range(1, phi.shape[0]):
         deviation = phi[i] - x.phi_mean[i]
-        if deviation * deviation > FURTHER * x.phi_remembered[i]:
-            total += deviation * deviation * x.square[q, i]
+        if deviation * deviation > max(FURTHER * x.phi_remembered[i], noise_limit(s, x, i)):
+            total += deviation * deviation * x.square_moved[q, i]
     return total
 
 
@@ -135,17 +137,25 @@ def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
     """Return the squared error that row q has usually; infinite while the detector is not armed."""
     if x.counted[q] < x.ring.shape[1] or x.base[q, 1] < s.rest:
         return math.inf
-    usual = max(x.base[q, 2] / x.base[q, 1], moved_square(x, q))
+    usual = max(x.base[q, 2] / x.base[q, 1], moved_square(s, x, q))
     nominal = usual + s.floor * s.floor * x.remembered[q]
     return nominal if nominal > 0.0 else math.inf
 
 
 @compiled
-def moved_square(x: BankState, q: int) -> float:
+def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
+    """Square that the noise in the deflections hardly ever makes of regressor i (constant first); 0 for states."""
+    if not s.effectors_from < i <= s.effectors_to:
+        return 0.0
+    return float(BY_NOISE * x.third_noise[i - s.effectors_from - 1])
+
+
+@compiled
+def moved_square(s: BankSettings, x: BankState, q: int) -> float:
     """Squared error that row q's standard errors allow the motion of the last moment (`bank_lags.observe_inputs`)."""
     total = 0.0
     for i in range(1, x.quick.shape[0]):
-        if x.quick[i] != 0.0:
+        if x.quick[i] * x.quick[i] > noise_limit(s, x, i):
             square = x.square_moved[q, i]
             if x.alert[0] > 0:
                 square = min(square, x.square_past[1, q, i])

@@ -118,6 +118,7 @@ def copy_group(x: BankState, g: int, target: int) -> None:
     """Give another group the history of group g."""
     for i in range(x.R.shape[1]):
         copy_rows(x.R[g, i], x.R[target, i])
+    copy_rows(x.centre[g], x.centre[target])
     copy_rows(x.info[g], x.info[target])
     for m in range(x.taken.shape[1]):
         x.deviation[target, m] = x.deviation[g, m]

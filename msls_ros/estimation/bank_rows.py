@@ -10,6 +10,7 @@ import math
 
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_detection import sense_bank
+from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs, regress_steps
@@ -72,6 +73,7 @@ def advance_bank(
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
         observe_inputs(s, x, work.phi)
+        observe_deflections(s, x, work.phi)
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
         observe_place(s, x, work.phi, time[n])
@@ -104,6 +106,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: Ban
     settled = 2 * work.phi.shape[0]
     if x.samples[0] % KEEP == 0:
         regress_steps(x, work.factor, work.w)
+        find_noise(s, x)
     for q in range(y.shape[0]):
         if x.waiting[x.group[q]] > 0:
             continue
@@ -205,7 +208,8 @@ def restart_row(x: BankState, q: int) -> None:
     for i in range(p):
         x.best_square[q, i] = math.inf
         x.square[q, i] = math.inf
-        x.square_lately[q, i] = 0.0
+        x.square_lately[0, q, i] = 0.0
+        x.square_lately[1, q, i] = 0.0
         x.square_moved[q, i] = math.inf
         x.square_past[0, q, i] = math.inf
         x.square_past[1, q, i] = math.inf

@@ -113,6 +113,8 @@ class BankState(NamedTuple):
     """(g, m) ``ln(1 + d)`` of the last sample."""
     taken: Array
     """(g, m) sum of the weights of the samples in the factor."""
+    centre: Array
+    """(g, p, m) weighted means of the states over what each member remembers, constant first."""
     kept_info: Array
     """(g, p) information in the priors of a group's factors that states have kept through a fault."""
     age: Integers
@@ -207,6 +209,20 @@ class BankState(NamedTuple):
     """(r, p) mean of the root of `bank_lags.lag_square_now` over seconds."""
     lag_bias: Array
     """(r, p) what the estimates may be off by because outputs and effectors are not in step."""
+    deflections: Array
+    """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
+    third: Array
+    """(c,) their third differences, of the size of their noise."""
+    third_median: Array
+    """(c,) median square of these."""
+    third_power: Array
+    """(c,) weighted sum of their squares."""
+    third_cross: Array
+    """(r, c) weighted sums of them times what outputs do by each effector and beyond the model."""
+    third_noise: Array
+    """(c,) variance of the noise in the deflections."""
+    widened: Array
+    """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
     pending: Integers
     """(r,) 1 from an alarm of the row until it is settled what changed."""
     theta_before: Array
@@ -236,7 +252,9 @@ class BankState(NamedTuple):
     square: Array
     """(r, p) squared standard errors, constant first."""
     square_lately: Array
-    """(r, p) the largest of these of the last moment, by what is known now, fading; 0: none."""
+    """(2, r, p) the largest of these, by what is known now, of this half second and the last; 0: none."""
+    lately: Integers
+    """(r,) which half second that is."""
     best: Array
     """(r, p) the best known estimates, constant first."""
     best_square: Array
@@ -314,6 +332,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         deviation=np.zeros((groups, m)),
         log=np.zeros((groups, m)),
         taken=np.zeros((groups, m)),
+        centre=np.zeros((groups, p, m)),
         kept_info=np.zeros((groups, p)),
         age=np.zeros(groups, np.int64),
         group=np.zeros(rows, np.int64),
@@ -361,6 +380,13 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         lag_spread=np.zeros((rows, p)),
         lag_mean=np.zeros((rows, p)),
         lag_bias=np.zeros((rows, p)),
+        deflections=np.zeros((3, effectors)),
+        third=np.zeros(effectors),
+        third_median=np.zeros(effectors),
+        third_power=np.zeros(effectors),
+        third_cross=np.zeros((rows, effectors)),
+        third_noise=np.zeros(effectors),
+        widened=np.ones((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
         square_before=np.zeros((rows, p)),
@@ -375,7 +401,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         alert=np.zeros(1, np.int64),
         waiting=np.zeros(groups, np.int64),
         square=np.zeros((rows, p)),
-        square_lately=np.zeros((rows, p)),
+        square_lately=np.zeros((2, rows, p)),
+        lately=np.zeros(rows, np.int64),
         best=np.zeros((rows, p)),
         best_square=np.zeros((rows, p)),
         best_time=np.zeros((rows, p)),
@@ -405,6 +432,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
         array[...] = 0
     x.weight[:, : s.members] = 1.0 / s.members
     x.known[:] = 1.0
+    x.widened[:] = 1.0
     x.e[:] = math.nan
     x.best_square[:] = math.inf
     x.square[:] = math.inf

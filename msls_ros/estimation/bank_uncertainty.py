@@ -47,9 +47,10 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_attenuation import attenuation, widen
+from msls_ros.estimation.bank_effector_noise import observe_answer
 from msls_ros.estimation.bank_lags import (
     FORGOTTEN,
-    KEEP,
     find_lag_bias,
     first_seconds,
     lag_square,
@@ -72,13 +73,13 @@ SYSTEMATIC = 0.076
 
 With .12, 95 % of the errors were within .4 to 1.2 (twice 1.7, 1.8) of a bar that this dominates.
 """
-ATTENUATED = 0.5
-"""Share of the squared bias by noise in the states that counts: in full, 95 % of A's errors were within .9 to 1.4."""
 SPREAD = 3.0
 """So many times the spread between members counts: where once it dominated, 95 % of the errors were within 2 to 11."""
 PARTED = 0.6
 """Share of a squared error that counts in a comparison at least: with .25, three wrong names in 96 flights, now one."""
-LATELY = 0.125
+HIDDEN = 17.0
+"""Largest factor by which noise in the regressors widens what the detector allows the effectors."""
+LATELY = 0.0625
 """Memory of what is kept only where it has been so for a while, over that of the autocorrelation [1]: half a second."""
 LARGEST_COLOUR = 0.98
 """The autocorrelation is not taken for more: the memory holds no more independent stretches."""
@@ -118,6 +119,7 @@ def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
     x.e[q] = error
     if begun > 0:
         observe_lag(s, x, q, error)
+        observe_answer(s, x, q, error)
 
 
 @compiled
@@ -141,56 +143,6 @@ def residual_variance(x: BankState, q: int) -> float:
     if x.residual[q, 1] <= 0.0:
         return math.inf
     return float(x.residual[q, 0] / x.residual[q, 1] * long_run_factor(x, q))
-
-
-@compiled
-def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: Array, b: Array) -> None:
-    """Squared bias of row q's estimates by noise in the states, summed over these: (p,) out, constant first.
-
-    Parameters
-    ----------
-    s, x
-        Settings and state.
-    q, m
-        Row, and the member that leads there.
-    noise
-        (r,) variance of the noise in the states, that are the first regressors.
-    w
-        (p,) scratch.
-    b
-        (p,) out.
-    """
-    p = b.shape[0]
-    g = x.group[q]
-    R = x.R[g]
-    for i in range(p):
-        b[i] = 0.0
-    for n in range(1, noise.shape[0] + 1):
-        amount = x.taken[g, m] * noise[n - 1] * (x.mixed[q, n] + turned_part(s, x, q, n, m))
-        if amount == 0.0:
-            continue
-        for j in range(p):
-            total = amount if j == n else 0.0
-            for k in range(n, j):
-                total -= R[k, j, m] * w[k]
-            w[j] = total / R[j, j, m]
-        for j in range(p - 1, -1, -1):
-            total = w[j]
-            for k in range(j + 1, p):
-                total -= R[j, k, m] * w[k]
-            w[j] = total / R[j, j, m]
-            b[j] += w[j] * w[j]
-
-
-@compiled
-def turned_part(s: BankSettings, x: BankState, q: int, i: int, m: int) -> float:
-    """Return the part of row q's derivative by regressor i that is known, on average over what member m remembers."""
-    source = s.turning[q + 1, i]
-    if source == 0:
-        return 0.0
-    R = x.R[x.group[q]]
-    mean = R[0, abs(source), m] / R[0, 0, m]
-    return float(mean if source > 0 else -mean)
 
 
 @compiled
@@ -239,7 +191,7 @@ def direct_squares(
             squares[i] = math.inf
         return False
     variance = residual_variance(x, q) * age / free
-    share = SYSTEMATIC * autocorrelation(x, q)
+    systematic = SYSTEMATIC * autocorrelation(x, q)
     attenuation(s, x, q, leader, noise, squares, bias)
     away = distance_from_mean(s, x, q, leader)
     for i in range(p):
@@ -248,25 +200,23 @@ def direct_squares(
         for m in range(products.shape[0]):
             difference = theta[m] - x.mixed[q, i]
             products[m] = x.weight[q, m] * info[m] * difference * difference
-        stays = share * x.mixed[q, i]
+        stays = systematic * x.mixed[q, i]
         squares[i] = (variance + SPREAD * sum_members(products)) / x.known[q, i]
-        squares[i] += ATTENUATED * bias[i] + stays * stays
+        squares[i] += stays * stays
         squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
         if s.coupled[q + 1, i] >= 0:
             squares[i] += inertial_square(turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
+    widen(s, x, q, leader, bias, squares)
     return True
 
 
 @compiled
 def distance_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1].
-
-    The first row of its factor holds them: ``R_0i / R_00`` is the weighted mean of regressor i.
-    """
-    R = x.R[x.group[q]]
+    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1]."""
+    centre = x.centre[x.group[q]]
     away = 0.0
     for j in range(s.velocities.shape[0]):
-        step = x.place[j] - R[0, s.velocities[j], m] / R[0, 0, m] / s.speed[j]
+        step = x.place[j] - centre[s.velocities[j], m] / s.speed[j]
         away += step * step
     return away
 
@@ -281,8 +231,7 @@ def elsewhere_square(s: BankSettings, value: float, i: int, away: float) -> floa
 @compiled
 def turn_from_mean(s: BankSettings, x: BankState, q: int, rate: int, m: int) -> float:
     """Difference of a rate of now from the mean that member m remembers, as `distance_from_mean` [rad/s]."""
-    R = x.R[x.group[q]]
-    return float(x.place[s.velocities.shape[0] + rate] - R[0, s.rates[rate], m] / R[0, 0, m])
+    return float(x.place[s.velocities.shape[0] + rate] - x.centre[x.group[q], s.rates[rate], m])
 
 
 @compiled
@@ -357,18 +306,29 @@ def keep_best(
     """Keep row q's estimates where they are known better than what is kept is good for now."""
     if x.residual[q, 1] > 0.0:
         find_lag_bias(s, x, q, x.residual[q, 0] / x.residual[q, 1], long_run_factor(x, q))
-    fade = max(1.0 - KEEP * (1.0 - s.colour_forgetting) / LATELY, 0.0)
+    block = x.samples[0] // max(round(LATELY / (1.0 - s.colour_forgetting)), 1)
+    if block != x.lately[q]:
+        x.lately[q] = block
+        for i in range(squares.shape[0]):
+            x.square_lately[1, q, i] = x.square_lately[0, q, i]
+            x.square_lately[0, q, i] = 0.0
     begun = direct_squares(s, x, q, noise, products, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)
         x.square[q, i] = min(squares[i], carried)
-        x.square_moved[q, i] = min(squares[i] - ATTENUATED * bias[i] if begun else math.inf, carried)
+        moved = math.inf
+        if begun:
+            moved = (squares[i] - bias[i]) / x.widened[q, i]
+            if s.effectors_from < i <= s.effectors_to:
+                moved *= min(x.widened[q, i], HIDDEN)
+        x.square_moved[q, i] = min(moved, carried)
         if squares[i] == math.inf:
             continue
-        x.square_lately[q, i] = max(squares[i], fade * x.square_lately[q, i])
-        if x.square_lately[q, i] <= known_square(s, x, q, i):
+        x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
+        lately = max(x.square_lately[0, q, i], x.square_lately[1, q, i])
+        if lately <= known_square(s, x, q, i):
             x.best[q, i] = x.mixed[q, i]
-            x.best_square[q, i] = x.square_lately[q, i]
+            x.best_square[q, i] = lately
             x.best_time[q, i] = x.clock[0]
             for j in range(x.place.shape[0]):
                 x.best_place[q, i, j] = x.place[j]

@@ -7,9 +7,8 @@ coloured, or a gust that moves the air data and not the aircraft::
 
     D_k = x_k - x_(k-L) - sum (xdot_j + xdot_(j-1)) dt/2,      sigma_x^2 = 1/2 var D
 
-About its mean: an accelerometer's bias is no gust. The bias that follows for least squares over n samples is (Fuller)::
-
-    b = -(R'R)^-1 n diag(sigma_x^2) theta
+About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
+that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
 
 Nothing is seen where the derivatives were made from the states.
 
@@ -44,6 +43,10 @@ class Defect(NamedTuple):
     """(2, v) the last states and their derivatives."""
     steps: Array
     """(L, v) the last differences between change and integral."""
+    rates: Array
+    """(L, v) the last derivatives."""
+    skew: Array
+    """(3, v) mean change of the derivative over the window; about it, mean products with the sum, and squares."""
     total: Array
     """(v,) their sum."""
     mean: Array
@@ -59,8 +62,8 @@ def make_defect(states: int, sample_rate: float) -> Defect:
     """Allocate for that many states; `clear_defect` makes it valid."""
     size = max(4, round(WINDOW * sample_rate))
     total, mean, variance = np.zeros(states), np.zeros(states), np.zeros(states)
-    steps = np.zeros((size, states))
-    return Defect(np.zeros((2, states)), steps, total, mean, variance, np.zeros(2), np.zeros(2, np.int64))
+    steps, rates, skew = np.zeros((size, states)), np.zeros((size, states)), np.zeros((3, states))
+    return Defect(np.zeros((2, states)), steps, rates, skew, total, mean, variance, np.zeros(2), np.zeros(2, np.int64))
 
 
 def clear_defect(defect: Defect) -> None:
@@ -110,10 +113,19 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 defect.total[j] += d - defect.steps[slot, j]
                 defect.steps[slot, j] = d
             if full:
+                change = a - defect.rates[defect.filled[0] % size, j]
                 defect.mean[j] += gain * (defect.total[j] - defect.mean[j])
                 deviation = defect.total[j] - defect.mean[j]
+                defect.skew[0, j] += gain * (change - defect.skew[0, j])
+                change -= defect.skew[0, j]
+                defect.skew[1, j] += gain * (deviation * change - defect.skew[1, j])
+                defect.skew[2, j] += gain * (change * change - defect.skew[2, j])
+                if defect.skew[2, j] > 0.0:
+                    deviation -= defect.skew[1, j] / defect.skew[2, j] * change
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
             noise[k, j] = 0.5 * defect.variance[j]
+            if defect.filled[0] >= 0:
+                defect.rates[defect.filled[0] % size, j] = a
             defect.last[0, j] = v
             defect.last[1, j] = a
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0

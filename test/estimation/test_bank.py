@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "3dcf9821a13d99d61a30951a92a6a4eb"
+PINNED = "610f983cf4e1f1d6b98d4b4220e5e83a"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
@@ -253,11 +253,11 @@ def test_the_best_that_was_known_is_kept_with_its_time_and_the_bars_stay_what_th
     x[quiet:], delta[quiet:] = 1e-3 * x[quiet:], 1e-3 * delta[quiet:]
     xdot = 0.01 * uniform(n, 3, 16) + delta @ np.array([[8.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
     estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates
-    then, now = estimates[quiet - 1], estimates[-1]
+    now, then = estimates[-1], max(e.b_std[0, 0] for e in estimates[quiet - 25 : quiet])
     assert now.b_best[0, 0] == pytest.approx(8.0, rel=0.02)
     assert 1.0 < now.b_best_time[0, 0] <= PERIOD * quiet + 0.5
-    assert now.b_best_std[0, 0] <= then.b_std[0, 0] * 1.01
-    assert now.b_std[0, 0] <= 2.0 * then.b_std[0, 0]
+    assert now.b_best_std[0, 0] <= then, "what it was for half a second"
+    assert now.b_std[0, 0] <= 2.0 * then
     assert now.b_reliable[0, 0] and now.excitation[3] < 0.5
     assert np.isnan(estimates[2].b_best).all()
 
@@ -266,10 +266,16 @@ def test_the_bar_of_an_inertial_coupling_allows_for_the_rate_that_it_goes_with()
     """With dQ/dt = .9 P R the derivative by R is .9 P, which a roll sweeps through while the estimate is a mean."""
     n = 1500
     time = PERIOD * np.arange(n, dtype=np.float64)
-    x, delta = 0.25 * uniform(n, 3, 17), 0.125 * uniform(n, 2, 18)
-    x[:, 0] = 0.3 * np.sin(2.0 * math.pi * time)
+    x, delta = np.zeros((n, 3)), 0.125 * uniform(n, 2, 18)
     xdot = 0.01 * uniform(n, 3, 19) + delta @ np.array([[8.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
-    xdot[:, 1] += -2.0 * x[:, 1] + 0.9 * x[:, 0] * x[:, 2]
+    x[:, 0] = 0.3 * np.sin(2.0 * math.pi * time)
+    xdot[:, 0] = 0.3 * 2.0 * math.pi * np.cos(2.0 * math.pi * time)
+    xdot[:, 2] = 8.0 * uniform(n, 1, 17)[:, 0]
+    for k in range(n):
+        xdot[k, 1] += -2.0 * x[k, 1] + 0.9 * x[k, 0] * x[k, 2]
+        xdot[k, 2] += -2.0 * x[k, 2]
+        if k + 1 < n:
+            x[k + 1, 1:] = x[k, 1:] + PERIOD * xdot[k, 1:]
 
     def covered(names: tuple[str, ...]) -> float:
         configuration = from_mapping({**SMALL, "states": names})

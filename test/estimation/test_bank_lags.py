@@ -92,7 +92,7 @@ def test_a_bias_that_is_nothing_for_a_moment_is_still_allowed_for() -> None:
 
 
 def test_a_comparison_does_not_see_what_is_in_both_estimates() -> None:
-    identifier, _ = fly(0.3)
+    identifier, _ = fly(0.5)
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
     state, effector = engine.state, engine.settings.effectors_from + 1

@@ -1,0 +1,112 @@
+"""Noise in what is measured: an effector that rests teaches nothing, and its error bar says so; dither is no noise."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from estimation.test_bank import PERIOD, SMALL, uniform
+
+from msls_ros.estimation import EventKind, Identifier, Run, from_mapping
+from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+
+EFFECT = 8.0
+REST = 600
+"""Samples before the first input of the first effector."""
+
+
+def fly(noise: float, *, coupled: float = 0.0, straddle: int = 0) -> tuple[Identifier, Run, Array]:
+    """Return identifier, run and true effect: the first effector rests, then moves; the second moves all the time.
+
+    ``noise`` of the measured deflections, standard deviation [rad]; ``coupled``: by so much the first follows the third
+    state, whose sensor has noise.
+    """
+    n = REST + 150
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    x, delta = 0.25 * uniform(n, 3, 51), 0.125 * uniform(n, 2, 52)
+    x[:, 2] = 0.2 * np.sin(2.0 * time)
+    delta[:, 0] = coupled * x[:, 2]
+    delta[REST:, 0] += 0.1 * np.sin(6.0 * (time[REST:] - time[REST]))
+    xdot = 0.01 * uniform(n, 3, 53) - x
+    xdot[:, 2] = 0.4 * np.cos(2.0 * time)
+    xdot[:, 0] += EFFECT * delta[:, 0]
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    read = delta + noise * math.sqrt(3.0) * uniform(n, 2, 54)
+    x[:, 2] += (0.002 * math.sqrt(3.0) if coupled else 0.0) * uniform(n, 1, 55)[:, 0]
+    identifier = Identifier(from_mapping(SMALL), straddle)
+    return identifier, identifier.run(time, x, xdot, read), delta
+
+
+def noise_of(identifier: Identifier) -> Array:
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    return engine.state.third_noise
+
+
+def test_an_effector_that_only_its_sensor_moves_is_not_known_to_do_nothing() -> None:
+    _, run, _ = fly(0.002)
+    resting = run.estimates[100:REST]
+    assert all(abs(e.b[0, 0]) < 0.25 * EFFECT for e in resting), "least squares says that it does nothing"
+    assert all(abs(e.b[0, 0] - EFFECT) < 1.96 * e.b_std[0, 0] for e in resting)
+    assert not any(e.b_reliable[0, 0] for e in resting)
+    last = run.estimates[-1]
+    assert last.b[0, 0] == pytest.approx(EFFECT, abs=1.96 * last.b_std[0, 0])
+    assert last.b_std[0, 0] < 0.1 * EFFECT
+
+
+def test_its_first_input_is_learnt_and_not_alarmed() -> None:
+    _, run, _ = fly(0.002)
+    assert not [v for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
+
+
+def test_an_effector_that_follows_a_noisy_state_is_not_known_by_that_noise() -> None:
+    """Beyond the state there is nothing in it but the noise of the state's own sensor."""
+    _, run, _ = fly(0.0, coupled=0.5)
+    following = run.estimates[200:REST]
+    assert np.mean([abs(e.b[0, 0] - EFFECT) < 1.96 * e.b_std[0, 0] for e in following]) > 0.95
+
+
+def test_what_an_output_answers_is_no_noise() -> None:
+    identifier, run, _ = fly(0.0)
+    assert noise_of(identifier)[1] == 0.0, "the second effector moves as noise does, and its output answers"
+    assert run.estimates[-1].b_std[1, 1] < 0.05
+
+
+def test_noise_is_found_and_computed_deflections_have_none() -> None:
+    identifier, _, _ = fly(0.002)
+    identifier.run(*(a[:REST] for a in still(0.002)))
+    assert noise_of(identifier)[0] == pytest.approx(0.002**2, rel=0.5)
+    identifier, _, _ = fly(0.0)
+    assert noise_of(identifier)[0] < 1e-12
+
+
+def still(noise: float) -> tuple[Array, Array, Array, Array]:
+    """Return samples that go on from those of `fly`, in which nothing moves but sensors."""
+    n = REST
+    time = PERIOD * (np.arange(n, dtype=np.float64) + REST + 150)
+    return time, 0.01 * uniform(n, 3, 61), 0.01 * uniform(n, 3, 62), noise * math.sqrt(3.0) * uniform(n, 2, 63)
+
+
+def test_through_a_window_it_is_not_looked_for() -> None:
+    identifier, _, _ = fly(0.002, straddle=4)
+    assert not noise_of(identifier).any()
+
+
+def noise_in_states(skew: float, noise: float) -> float:
+    """Return the standard deviation that is found for a state measured ``skew`` [s] after its derivative."""
+    n = 500
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    x = np.sin(3.0 * (time - skew))[:, None] + noise * math.sqrt(3.0) * uniform(n, 1, 71)
+    defect, out = make_defect(1, 1.0 / PERIOD), np.zeros((n, 1))
+    clear_defect(defect)
+    observe_defect(defect, time, x, 3.0 * np.cos(3.0 * time)[:, None], np.zeros(1, np.int64), out)
+    return math.sqrt(float(out[-1, 0]))
+
+
+def test_a_state_that_is_measured_a_moment_after_its_derivative_is_not_noisy() -> None:
+    assert noise_in_states(0.01, 0.0) < 0.1 * 0.01 * 3.0
+    assert noise_in_states(0.0, 0.005) == pytest.approx(0.005, rel=0.3)
+    assert noise_in_states(0.01, 0.005) == pytest.approx(0.005, rel=0.3)
