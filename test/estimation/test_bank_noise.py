@@ -77,7 +77,7 @@ def test_what_an_output_answers_is_no_noise() -> None:
 
 def test_noise_is_found_and_computed_deflections_have_none() -> None:
     identifier, _, _ = fly(0.002)
-    identifier.run(*(a[:REST] for a in still(0.002)))
+    identifier.run(*still(0.002))
     assert noise_of(identifier)[0] == pytest.approx(0.002**2, rel=0.5)
     identifier, _, _ = fly(0.0)
     assert noise_of(identifier)[0] < 1e-12
