@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import update_members
-from msls_ros.estimation.bank_delay import find_delay, observe_output, take_back
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections
 from msls_ros.estimation.bank_energy import observe_energy
@@ -75,7 +74,6 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
-        take_back(s, x, work.phi)
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
         observe_place(s, x, work.phi, time[n])
@@ -109,9 +107,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: Ban
     if x.samples[0] % KEEP == 0:
         regress_steps(x, work.factor, work.w)
         find_noise(s, x)
-        find_delay(s, x, work.factor, work.w)
     for q in range(y.shape[0]):
-        observe_output(s, x, q, y[q])
         if x.waiting[x.group[q]] > 0:
             continue
         judge(s, x, q, y[q], work)
