@@ -252,9 +252,9 @@ class BankState(NamedTuple):
     square: Array
     """(r, p) squared standard errors, constant first."""
     square_lately: Array
-    """(2, r, p) the largest of these, by what is known now, of this half second and the last; 0: none."""
+    """(2, r, p) the largest of these, by what is known now, of this quarter of a second and the last; 0: none."""
     lately: Integers
-    """(r,) which half second that is."""
+    """(r,) which quarter of a second that is."""
     best: Array
     """(r, p) the best known estimates, constant first."""
     best_square: Array
