@@ -3,7 +3,8 @@
 A response that is recorded late, or a deflection that is recorded early, biases estimates where the input moves from
 sample to sample, as dither does: of the effectors, whose effect then seems too small, and of the states, which answer
 the last input and stand in for it. The prediction errors look white, and no error bar shows it. But a right model
-leaves nothing in its errors e that past inputs explain. With h the regressors above their mean of the last tenth of a
+leaves nothing in its errors e that past inputs explain. What all responses have in common is taken out beforehand
+(`bank_delay`), what follows is about what is left. With h the regressors above their mean of the last tenth of a
 second, of which u_i(k) = h_i(k-l) - h_i(k) is what a delay of effector i by l samples would change (20 ms, at least a
 sample), sums over seconds::
 
@@ -16,9 +17,10 @@ b what least squares without u is off by. I is the information about the coeffic
 quick, for slow motion hardly sees a delay. A mixture of members weighs quick and slow motion in a way of its own: its
 error is anything between nothing and b, a variance of ``b^2/3``, but all of b where no motion is slow, as with dither
 alone. So ``b^2 (1 + 2q)/3`` is added. So is what c may be without showing: chance, or less where an effect cannot be
-so much in error, a delay of 18 ms being plausible before anything is known (`BankSettings.late_part`)::
+so much in error: by what is not known of the common delay, 18 ms at first, and a quarter of that by which delays may be
+unlike each other (`UNLIKE`)::
 
-    v_j = q_j^2 sum_i w_ij^2 min( (part theta_i)^2, 4 s^2 / (sum u_i^2 - d_i' w_i) )
+    v_j = q_j^2 sum_i w_ij^2 min( part^2 theta_i^2, 4 s^2 / (sum u_i^2 - d_i' w_i) )
 
 Where the regressors explain u_i themselves, as a state does that follows the last input at once, c_i cannot be known
 and shows nowhere: the first of the two holds. In the first seconds of a flight ``s^2`` is corrected for
@@ -52,6 +54,8 @@ LATE = 0.4
 Where they dominate a bar, 95 % of the errors are within .7 to 1.3 of it in full, where 1.96 is due: measured in eleven
 of twelve sets (F-16, four aircraft in flight test, eight others; A, B; inputs as measured and through differences).
 """
+UNLIKE = 0.5
+"""By how much delays may be unlike each other, over what they are plausibly [1]."""
 FORGOTTEN = 3.0
 """Squares of a known error that delays, forgotten within seconds, add to it at most: it doubles."""
 
@@ -77,6 +81,8 @@ def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
         x.quick_power[j] = fade * x.quick_power[j] + step * step
         for i in range(1, p):
             x.quick_moment[j, i] = fade * x.quick_moment[j, i] + x.quick[i] * step
+        for k in range(j + 1):
+            x.steps[j, k] = fade * x.steps[j, k] + (x.quick_late[k] - x.quick[first + k]) * step
 
 
 @compiled
@@ -121,11 +127,7 @@ def regress_steps(x: BankState, factor: Array, w: Array) -> None:
         for i in range(p):
             late[i] = x.quick_moment[j, i]
         left = x.quick_power[j] - solve_forward(factor, late, 0)
-        for i in range(p - 1, -1, -1):
-            total = late[i]
-            for k in range(i + 1, p):
-                total -= factor[k, i] * late[k]
-            late[i] = total * factor[i, i]
+        solve_backward(factor, late)
         x.unexplained[j] = left if left > APART * x.quick_power[j] else 0.0
 
 
@@ -140,6 +142,16 @@ def solve_forward(factor: Array, w: Array, start: int) -> float:
         w[i] = total * factor[i, i]
         size += w[i] * w[i]
     return size
+
+
+@compiled
+def solve_backward(factor: Array, w: Array) -> None:
+    """Solve ``L' y = w`` in place, pivots inverted."""
+    for i in range(w.shape[0] - 1, -1, -1):
+        total = w[i]
+        for k in range(i + 1, w.shape[0]):
+            total -= factor[k, i] * w[k]
+        w[i] = total * factor[i, i]
 
 
 @compiled
@@ -167,13 +179,16 @@ def find_lag_bias(s: BankSettings, x: BankState, q: int, variance: float, colour
     bias = x.lag_bias[q]
     spread = x.lag_spread[q]
     g = x.group[q]
+    unlike = min(x.delay[1] + UNLIKE * UNLIKE * s.late_part * s.late_part, s.late_part * s.late_part)
+    moved = max((x.delay[0] - x.delay[4]) ** 2 / (s.late * s.late) - x.delay[1], 0.0)
     for i in range(bias.shape[0]):
         bias[i] = 0.0
         spread[i] = 0.0
     for j in range(x.late.shape[0]):
         left = x.unexplained[j]
-        prior = s.late_part * x.mixed[q, s.effectors_from + 1 + j]
-        unknown = min(prior * prior, chance / left) if left > 0.0 else prior * prior
+        effect = x.mixed[q, s.effectors_from + 1 + j]
+        prior = unlike * effect * effect
+        unknown = moved * effect * effect + (min(prior, chance / left) if left > 0.0 else prior)
         for i in range(bias.shape[0]):
             spread[i] += unknown * x.late[j, i] * x.late[j, i]
         if left <= 0.0:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import update_members
+from msls_ros.estimation.bank_delay import find_delay, observe_output, take_back
 from msls_ros.estimation.bank_detection import sense_bank
 from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections
 from msls_ros.estimation.bank_energy import observe_energy
@@ -74,6 +75,7 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
+        take_back(s, x, work.phi)
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
         observe_place(s, x, work.phi, time[n])
@@ -104,7 +106,10 @@ def advance_bank(
 def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: BankWork) -> None:
     """Judge and mix the members that have taken the sample y (r,), row by row; noise (r,) of the states."""
     settled = 2 * work.phi.shape[0]
+    for q in range(y.shape[0]):
+        observe_output(s, x, q, y[q])
     if x.samples[0] % KEEP == 0:
+        find_delay(s, x, work.factor, work.w, work.squares)
         regress_steps(x, work.factor, work.w)
         find_noise(s, x)
     for q in range(y.shape[0]):

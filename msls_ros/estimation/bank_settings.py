@@ -59,6 +59,8 @@ STRIDE = 0.1
 """Between estimates that are kept to compare with [s]."""
 QUICK = 0.1
 """Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
+LATEST = 0.06
+"""By how much deflections are taken back at most [s]."""
 LATE = 0.02
 """By how much responses are looked for late, at least a sample [s]."""
 DELAY_OF_RECORDS = 0.018
@@ -160,6 +162,7 @@ def make_bank_settings(
         turning=_turning(turning or {}, len(scale)),
         quick=min(period / QUICK, 1.0),
         late=late,
+        latest=max(1, round(LATEST / period)),
         late_part=DELAY_OF_RECORDS / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),

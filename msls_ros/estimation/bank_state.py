@@ -84,6 +84,8 @@ class BankSettings(NamedTuple):
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
+    latest: int
+    """Samples by which deflections are taken back at most."""
     late_part: float
     """Part of an effect that may come that late before anything is known of it, standard deviation [1]."""
     gains: Array
@@ -201,6 +203,18 @@ class BankState(NamedTuple):
     """(c, p) regression of these steps on the regressors."""
     unexplained: Array
     """(c,) what it leaves of their sums of squares; 0: too little."""
+    recent: Array
+    """(k, c) the last deflections, a ring, see `bank_delay`."""
+    delay: Array
+    """(5,) of responses after deflections [samples], its variance [l^2], two sums that it comes from, its mean."""
+    output_mean: Array
+    """(r,) mean of the outputs over the last moment, see `bank_delay`."""
+    answer: Array
+    """(r, c) sums of the quick outputs times the effectors' steps."""
+    steps: Array
+    """(c, c) sums of products of these steps, lower triangle."""
+    early: Array
+    """(r, p) sums of quick outputs times the quick regressors; their squares at the constant's place."""
     cross: Array
     """(r, c) sums of prediction errors times the last effectors."""
     lag_spread: Array
@@ -376,6 +390,12 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         quick_moment=np.zeros((effectors, p)),
         late=np.zeros((effectors, p)),
         unexplained=np.zeros(effectors),
+        recent=np.zeros((s.latest + 2, effectors)),
+        delay=np.zeros(5),
+        output_mean=np.zeros(rows),
+        early=np.zeros((rows, p)),
+        answer=np.zeros((rows, effectors)),
+        steps=np.zeros((effectors, effectors)),
         cross=np.zeros((rows, effectors)),
         lag_spread=np.zeros((rows, p)),
         lag_mean=np.zeros((rows, p)),

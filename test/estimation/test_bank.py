@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "610f983cf4e1f1d6b98d4b4220e5e83a"
+PINNED = "4272d5cc6093bcdf16720997bf057ed1"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

@@ -1,0 +1,177 @@
+"""The delay of all responses after the deflections, found in flight and taken out.
+
+Records of real aircraft are out of step: filters and buses put the responses 10 to 25 ms behind the deflections. Least
+squares then finds effects too small, by up to a third where the input moves from sample to sample. How late an output
+is, is seen in it without any model of what is remembered: its quick part y (above its mean of the last tenth of a
+second) is regressed on the quick regressors h, of which those of the effectors are taken d l samples back, by linear
+interpolation: ``g_j = h_j + d u_j``, ``u_j = h_j(k-l) - h_j(k)``. One step of Gauss and Newton from the last d, with
+the sums over seconds of `bank_lags`, per row::
+
+    theta = (sum g g')^-1 sum g y,      z = sum_j theta_j u_j,  of effects that are 3 standard errors from none
+    d_q = d + sum y z~ / sum z~^2,      v_q = s^2 c / sum z~^2,      z~: z with the regressors g partialled out
+
+s^2 is the mean square of what is left of y, c corrects for autocorrelation. What the rows have in common is found by
+weighted least squares over half a minute, with what is plausible before anything is known
+(`BankSettings.late_part`)::
+
+    delay = l sum w d_q / (sum w + 1/part^2),      w = 1 / (v_q (1 + v_q/NOISY^2) + DIFFER^2)
+
+and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
+(James and Stein). The regressors are the deflections of that long ago. Of a delay of far more than l (20 ms) the rest
+is not found; responses before deflections are not looked for, nor are delays where derivatives are made from the states
+by a window: that for values and that for slopes differ, which seems a delay.
+
+References
+----------
+Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility). Seber and Wild, *Nonlinear
+Regression*, section 2.1.3 (Gauss-Newton). Söderström, "Errors-in-variables methods in system identification",
+Automatica 43 (2007).
+"""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.bank_lags import APART, KEEP, REDUNDANT, solve_backward, solve_forward
+from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.kernel import Array
+
+SLOW = 0.1
+"""Memory of the autocorrelation over that of the delay, which does not change in flight [1]."""
+SEEN = 9.0
+"""Squared standard errors by which an effect must differ from none to say how late it is."""
+DIFFER = 0.05
+"""By how much rows differ in their delay, over l [1]: 1 ms.
+
+Measured on beds with dither and delays of 0, 7, 14 and 22 ms: rows of angular accelerations differ by .1 to .6 ms, all
+of them are up to 1.8 ms off by the linear interpolation, and 2 ms where 22 ms are more than l.
+"""
+NOISY = 0.05
+"""Standard error, over l, from which on a row counts less and less [1]: 1 ms.
+
+Interpolation averages the noise of deflections, most so at l/2, to which rows are drawn in which noise is what moves:
+on smooth flights with delays of 0 to 22 ms, rows of 1 ms or less were right to 2 ms, those of 5 ms or more said 10 ms.
+"""
+LARGEST_COLOUR = 0.98
+"""As in `bank_uncertainty`."""
+
+
+@compiled
+def observe_output(s: BankSettings, x: BankState, q: int, output: float) -> None:
+    """Update what row q's output has in common with the regressors and the last effectors, all of them quick."""
+    x.output_mean[q] += max(1.0 / (x.samples[0] + 1.0), s.quick) * (output - x.output_mean[q])
+    quick = output - x.output_mean[q]
+    fade = s.colour_forgetting
+    x.early[q, 0] = fade * x.early[q, 0] + quick * quick
+    for i in range(1, x.early.shape[1]):
+        x.early[q, i] = fade * x.early[q, i] + quick * x.quick[i]
+    for j in range(x.cross.shape[1]):
+        x.answer[q, j] = fade * x.answer[q, j] + quick * (x.quick_late[j] - x.quick[s.effectors_from + 1 + j])
+
+
+@compiled
+def take_back(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Put the deflections of as long ago as responses are late into the regressor (p,), constant first."""
+    size = x.recent.shape[0]
+    slot = x.samples[0] % size
+    first = s.effectors_from + 1
+    whole = int(x.delay[0])
+    part = x.delay[0] - whole
+    for j in range(x.cross.shape[1]):
+        x.recent[slot, j] = phi[first + j]
+        if x.samples[0] >= size:
+            newer = x.recent[(slot - whole) % size, j]
+            phi[first + j] = newer + part * (x.recent[(slot - whole - 1) % size, j] - newer)
+
+
+@compiled
+def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> None:
+    """Put the Cholesky factor of ``sum g g'`` into (p, p), as `bank_lags.regress_steps` does for that of M."""
+    p = factor.shape[0]
+    first = s.effectors_from + 1
+    for i in range(1, p):
+        for k in range(1, i + 1):
+            total = x.moment[i, k]
+            if i >= first:
+                total += d * x.quick_moment[i - first, k]
+                if k >= first:
+                    total += d * (x.quick_moment[k - first, i] + d * x.steps[i - first, k - first])
+            size = total
+            for n in range(1, k):
+                total -= factor[i, n] * factor[k, n]
+            if k < i:
+                factor[i, k] = total * factor[k, k]
+            else:
+                factor[i, i] = 1.0 / math.sqrt(total) if total > REDUNDANT * size else 0.0
+
+
+@compiled
+def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array) -> None:
+    """Find the delay that all responses have in common, after `regress_steps`.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state; ``x.delay`` is updated.
+    factor
+        (p, p) scratch.
+    w, z
+        (p,) scratch.
+    """
+    p = factor.shape[0]
+    first = s.effectors_from + 1
+    count = x.cross.shape[1]
+    free = x.quick_samples[0] - p - 3.0
+    if free <= 0.0 or s.straddle > 0:
+        x.delay[1] = s.late_part * s.late_part
+        return
+    d = x.delay[1] * x.delay[2]
+    factor_moments(s, x, d, factor)
+    total = 0.0
+    weight = 0.0
+    for q in range(x.cross.shape[0]):
+        w[0] = 0.0
+        for i in range(1, p):
+            w[i] = x.early[q, i]
+        for j in range(count):
+            w[first + j] += d * x.answer[q, j]
+        left = x.early[q, 0] - solve_forward(factor, w, 0)
+        solve_backward(factor, w)
+        if left <= 0.0:
+            continue
+        variance = left / free
+        for i in range(p):
+            z[i] = 0.0
+        size = 0.0
+        product = 0.0
+        for j in range(count):
+            effect = w[first + j]
+            if effect * effect * x.quick_info[first + j] <= SEEN * variance:
+                continue
+            for i in range(1, p):
+                z[i] += effect * x.quick_moment[j, i]
+            product += effect * x.answer[q, j]
+            for k in range(count):
+                z[first + k] += effect * d * x.steps[max(j, k), min(j, k)]
+                other = w[first + k]
+                if other * other * x.quick_info[first + k] > SEEN * variance:
+                    size += effect * other * x.steps[max(j, k), min(j, k)]
+        for i in range(1, p):
+            product -= z[i] * w[i]
+        own = size - solve_forward(factor, z, 0)
+        if own <= APART * size:
+            continue
+        rho = min(max(x.colour[q, 0] / x.colour[q, 1], 0.0), LARGEST_COLOUR) if x.colour[q, 1] > 0.0 else 0.0
+        square = variance * (1.0 + rho) / (1.0 - rho) / own
+        one = 1.0 / (square * (1.0 + square / (NOISY * NOISY)) + DIFFER * DIFFER)
+        weight += one
+        total += one * (d + product / own)
+    gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0)
+    x.delay[2] += gain * (total - SLOW * x.delay[2])
+    x.delay[3] += gain * (weight - SLOW * x.delay[3])
+    x.delay[1] = 1.0 / (x.delay[3] + 1.0 / (s.late_part * s.late_part))
+    part = x.delay[1] * x.delay[2]
+    part = part - x.delay[1] / part if part > 0.0 else 0.0
+    x.delay[0] = min(max(part * s.late, 0.0), float(s.latest))
+    x.delay[4] += gain * (x.delay[0] - x.delay[4])
