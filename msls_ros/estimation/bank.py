@@ -91,6 +91,8 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     for q in range(y.shape[0]):
         if x.group[q] == g:
             correct(x.members[q], work.phi, y[q], work.K, x.errors[q])
+    for j in range(x.sensitivity.shape[1]):
+        correct(x.sensitivity[g, j], work.phi, x.step_back[j], work.K, work.e)
     x.age[g] += 1
 
 

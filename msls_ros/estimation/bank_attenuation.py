@@ -28,6 +28,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_effector_noise import state_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -66,7 +67,7 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: 
     for n in range(1, p):
         variance = 0.0
         if n <= noise.shape[0]:
-            variance = x.taken[g, m] * noise[n - 1]
+            variance = x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1])
         elif s.effectors_from < n <= s.effectors_to:
             variance = x.taken[g, m] * x.third_noise[n - s.effectors_from - 1]
         if variance <= NOTICED * x.info[g, n, m]:

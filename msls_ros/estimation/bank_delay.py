@@ -17,9 +17,10 @@ weighted least squares over half a minute, with what is plausible before anythin
     delay = l sum w d_q / (sum w + 1/part^2),      w = 1 / (v_q (1 + v_q/NOISY^2) + DIFFER^2)
 
 and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
-(James and Stein). The regressors are the deflections of that long ago. Of a delay of far more than l (20 ms) the rest
-is not found; responses before deflections are not looked for, nor are delays where derivatives are made from the states
-by a window: that for values and that for slopes differ, which seems a delay.
+(James and Stein). The regressors are the deflections of that long ago, and what has been learnt before is corrected
+(`bank_lags.shift_estimates`). Of a delay of far more than l (20 ms) the rest is not found; responses before deflections
+are not looked for. Derivatives that are made from the states by a window are looked at like all others: one window for
+values and slopes delays neither against the other.
 
 References
 ----------
@@ -32,7 +33,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_lags import APART, KEEP, REDUNDANT, solve_backward, solve_forward
+from msls_ros.estimation.bank_lags import APART, KEEP, REDUNDANT, shift_estimates, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -66,7 +67,7 @@ def observe_output(s: BankSettings, x: BankState, q: int, output: float) -> None
     x.early[q, 0] = fade * x.early[q, 0] + quick * quick
     for i in range(1, x.early.shape[1]):
         x.early[q, i] = fade * x.early[q, i] + quick * x.quick[i]
-    for j in range(x.cross.shape[1]):
+    for j in range(x.answer.shape[1]):
         x.answer[q, j] = fade * x.answer[q, j] + quick * (x.quick_late[j] - x.quick[s.effectors_from + 1 + j])
 
 
@@ -78,16 +79,27 @@ def take_back(s: BankSettings, x: BankState, phi: Array) -> None:
     first = s.effectors_from + 1
     whole = int(x.delay[0])
     part = x.delay[0] - whole
-    for j in range(x.cross.shape[1]):
+    for j in range(x.answer.shape[1]):
         x.recent[slot, j] = phi[first + j]
         if x.samples[0] >= size:
-            newer = x.recent[(slot - whole) % size, j]
-            phi[first + j] = newer + part * (x.recent[(slot - whole - 1) % size, j] - newer)
+            phi[first + j] = deflection_of(x, slot - whole, part, j)
+            x.step_back[j] = deflection_of(x, slot - whole - s.late, part, j) - phi[first + j]
+
+
+@compiled
+def deflection_of(x: BankState, slot: int, part: float, j: int) -> float:
+    """Return effector j's deflection of so long ago: a slot of the ring, and which part of a sample before it."""
+    size = x.recent.shape[0]
+    newer = x.recent[slot % size, j]
+    return float(newer + part * (x.recent[(slot - 1) % size, j] - newer))
 
 
 @compiled
 def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> None:
-    """Put the Cholesky factor of ``sum g g'`` into (p, p), as `bank_lags.regress_steps` does for that of M."""
+    """Put the Cholesky factor of ``sum g g'`` into (p, p), with the inverses of its pivots.
+
+    A regressor that the others make up counts nothing.
+    """
     p = factor.shape[0]
     first = s.effectors_from + 1
     for i in range(1, p):
@@ -107,30 +119,42 @@ def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> No
 
 
 @compiled
-def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array) -> None:
-    """Find the delay that all responses have in common, after `regress_steps`.
+def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array, information: Array) -> None:
+    """Find the delay that all responses have in common, and what `bank_lags` needs to know of it.
 
     Parameters
     ----------
     s, x
-        Settings and state; ``x.delay`` is updated.
+        Settings and state; ``x.delay`` and ``x.unexplained`` are updated.
     factor
         (p, p) scratch.
-    w, z
+    w, z, information
         (p,) scratch.
     """
     p = factor.shape[0]
     first = s.effectors_from + 1
-    count = x.cross.shape[1]
+    count = x.answer.shape[1]
     free = x.quick_samples[0] - p - 3.0
-    if free <= 0.0 or s.straddle > 0:
+    if free <= 0.0:
         x.delay[1] = s.late_part * s.late_part
         return
     d = x.delay[1] * x.delay[2]
     factor_moments(s, x, d, factor)
+    for j in range(count):
+        for i in range(p):
+            w[i] = 0.0
+        w[first + j] = 1.0
+        information[j] = 1.0 / max(solve_forward(factor, w, first + j), 1e-300)
+        w[0] = 0.0
+        for i in range(1, p):
+            w[i] = x.quick_moment[j, i]
+        for k in range(count):
+            w[first + k] += d * x.steps[max(j, k), min(j, k)]
+        left = x.steps[j, j] - solve_forward(factor, w, 0)
+        x.unexplained[j] = left if left > APART * x.steps[j, j] else 0.0
     total = 0.0
     weight = 0.0
-    for q in range(x.cross.shape[0]):
+    for q in range(x.answer.shape[0]):
         w[0] = 0.0
         for i in range(1, p):
             w[i] = x.early[q, i]
@@ -147,7 +171,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array)
         product = 0.0
         for j in range(count):
             effect = w[first + j]
-            if effect * effect * x.quick_info[first + j] <= SEEN * variance:
+            if effect * effect * information[j] <= SEEN * variance:
                 continue
             for i in range(1, p):
                 z[i] += effect * x.quick_moment[j, i]
@@ -155,7 +179,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array)
             for k in range(count):
                 z[first + k] += effect * d * x.steps[max(j, k), min(j, k)]
                 other = w[first + k]
-                if other * other * x.quick_info[first + k] > SEEN * variance:
+                if other * other * information[k] > SEEN * variance:
                     size += effect * other * x.steps[max(j, k), min(j, k)]
         for i in range(1, p):
             product -= z[i] * w[i]
@@ -167,11 +191,16 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array)
         one = 1.0 / (square * (1.0 + square / (NOISY * NOISY)) + DIFFER * DIFFER)
         weight += one
         total += one * (d + product / own)
-    gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0)
+    moving = 0.0
+    for q in range(x.gate.shape[0]):
+        moving += x.gate[q] / x.gate.shape[0]
+    gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0) * moving
     x.delay[2] += gain * (total - SLOW * x.delay[2])
     x.delay[3] += gain * (weight - SLOW * x.delay[3])
     x.delay[1] = 1.0 / (x.delay[3] + 1.0 / (s.late_part * s.late_part))
     part = x.delay[1] * x.delay[2]
     part = part - x.delay[1] / part if part > 0.0 else 0.0
+    before = x.delay[0]
     x.delay[0] = min(max(part * s.late, 0.0), float(s.latest))
-    x.delay[4] += gain * (x.delay[0] - x.delay[4])
+    if x.delay[0] != before:
+        shift_estimates(s, x, (x.delay[0] - before) / s.late)

@@ -9,7 +9,7 @@ chi^2_l / l); the largest counts::
     T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, moved) + floor^2 energy )       alarm: T > threshold
 
 ``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2`` what the
-standard errors of the estimates allow the motion h of the last tenth of a second (`bank_lags.observe_inputs`) to be
+standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.motion`) to be
 mispredicted by, ``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre,
 and the floor does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model
 error, so the floor can be low. ``d`` is that of the reference member, the longest memory, and ``n`` by how much a
@@ -17,6 +17,10 @@ regressor exceeds all that was seen of it: what is excited for the first time ca
 alarm for a second after a regressor goes five times as far as ever before. Where one goes twice as far as usual, the
 error that its own standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all
 samples. No noise level enters anywhere.
+
+Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
+it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
+moved since, and as the errors of one window go together, those of several samples count as one.
 
 A fault seldom shows in one equation alone: where two rows reach two fifths of the threshold at once, both alarm
 (`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other
@@ -27,6 +31,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_effector_noise import observe_answer
 from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -68,20 +73,26 @@ def sense_bank(
     group = -1
     novelty = observe_novelty(s, x, phi)
     expected = 1.0
+    predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
     for q in range(y.shape[0]):
+        keep_predictors(x, q)
+        last = y[q]
         error = y[q]
         sharp = y[q]
         for i in range(phi.shape[0]):
-            error -= x.mixed[q, i] * phi[i]
-            sharp -= x.members[q, i, x.sharpest[q]] * phi[i]
-        e[q] = error
+            last -= x.mixed[q, i] * phi[i]
+            error -= predictors[0, q, i] * phi[i]
+            sharp -= predictors[1, q, i] * phi[i]
+        e[q] = last
         statistic[q] = 0.0
         alarm[q] = 0
-        if not s.detect:
-            continue
         if x.group[q] != group:
             group = x.group[q]
             expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
+        if x.age[group] > 2 * phi.shape[0]:
+            observe_answer(s, x, q, phi, last, expected)
+        if not s.detect:
+            continue
         square = sharp * sharp
         smaller = min(square, error * error)
         surprise = smaller / expected
@@ -152,14 +163,14 @@ def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
 
 @compiled
 def moved_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Squared error that row q's standard errors allow the motion of the last moment (`bank_lags.observe_inputs`)."""
+    """Squared error that row q's standard errors allow the motion since they were made (`BankState.motion`)."""
     total = 0.0
-    for i in range(1, x.quick.shape[0]):
-        if x.quick[i] * x.quick[i] > noise_limit(s, x, i):
+    for i in range(1, x.motion.shape[1]):
+        if x.motion[0, i] * x.motion[0, i] > noise_limit(s, x, i):
             square = x.square_moved[q, i]
             if x.alert[0] > 0:
                 square = min(square, x.square_past[1, q, i])
-            total += x.quick[i] * x.quick[i] * square
+            total += x.motion[0, i] * x.motion[0, i] * square
     return total
 
 
@@ -205,3 +216,21 @@ def remember_square(s: BankSettings, x: BankState, q: int, square: float, smalle
     x.ring[q, slot] = square
     x.surprise[q, slot] = surprise
     x.counted[q] += 1
+
+
+@compiled
+def keep_predictors(x: BankState, q: int) -> None:
+    """Keep row q's estimates of now, and those of its sharpest member, to predict the next window by."""
+    slot = (x.samples[0] - 1) % x.predictors.shape[0]
+    for i in range(x.mixed.shape[1]):
+        x.predictors[slot, 0, q, i] = x.mixed[q, i]
+        x.predictors[slot, 1, q, i] = x.members[q, i, x.sharpest[q]]
+
+
+@compiled
+def forget_predictors(x: BankState, q: int) -> None:
+    """Predict row q by its estimates of now alone."""
+    for k in range(x.predictors.shape[0]):
+        for i in range(x.mixed.shape[1]):
+            x.predictors[k, 0, q, i] = x.mixed[q, i]
+            x.predictors[k, 1, q, i] = x.members[q, i, x.sharpest[q]]

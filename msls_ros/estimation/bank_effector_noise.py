@@ -12,7 +12,9 @@ that noise can be::
 It is that while no output answers d: the sum over seconds of d times what a row's output does by the effector and
 beyond the model is within `ANSWERED`; nothing from twice that on. What an output answers, as dither, is motion.
 
-Noise that has passed through a window is not white, and little of it is left: there it is not looked for.
+White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
+passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares
+both): there it is at most what their third differences hold, and what makes the derivatives' prediction errors.
 
 References
 ----------
@@ -43,8 +45,8 @@ def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the third differences of the effectors and their median squares; phi (p,), constant first."""
     size = x.deflections.shape[0]
     k = x.samples[0]
-    begun = k >= size and s.straddle == 0
-    pace = 1.0 + max(PACE, 1.0 / (k - size + 1.0)) if begun else 1.0
+    begun = k >= size + s.straddle
+    pace = 1.0 + max(PACE, 1.0 / (k - size - s.straddle + 1.0)) if begun else 1.0
     for j in range(x.third.shape[0]):
         i = s.effectors_from + 1 + j
         last = x.deflections[k % size, j]
@@ -52,20 +54,59 @@ def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
         if not begun:
             continue
         inner = x.deflections[(k - 2) % size, j] - x.deflections[(k - 1) % size, j]
-        x.third[j] = (phi[i] - last + 3.0 * inner) / math.sqrt(20.0)
+        x.third[j] = (phi[i] - last + 3.0 * inner) * s.third
         square = x.third[j] * x.third[j]
         median = x.third_median[j] * pace if square > x.third_median[j] else x.third_median[j] / pace
-        x.third_median[j] = square if k == size else max(median, SMALLEST * s.sigma[i] * s.sigma[i])
+        x.third_median[j] = square if k == size + s.straddle else max(median, SMALLEST * s.sigma[i] * s.sigma[i])
         x.third_power[j] = s.colour_forgetting * x.third_power[j] + square
 
 
 @compiled
-def observe_answer(s: BankSettings, x: BankState, q: int, error: float) -> None:
-    """Update how row q's output goes with the third differences; ``error`` is what it does beyond the model."""
+def observe_states(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Update the median squares of the third differences of states that have passed a window; phi (p,)."""
+    size = x.states.shape[0]
+    k = x.samples[0]
+    if s.straddle == 0:
+        return
+    begun = k - size - s.straddle
+    pace = 1.0 + max(PACE, 1.0 / (begun + 1.0)) if begun >= 0 else 1.0
+    for j in range(x.state_median.shape[0]):
+        last = x.states[k % size, j]
+        x.states[k % size, j] = phi[j + 1]
+        if begun < 0:
+            continue
+        inner = x.states[(k - 2) % size, j] - x.states[(k - 1) % size, j]
+        third = (phi[j + 1] - last + 3.0 * inner) * s.third
+        square = third * third
+        x.state_median[j] *= pace if square > x.state_median[j] else 1.0 / pace
+        x.state_median[j] = square if begun == 0 else max(x.state_median[j], SMALLEST * s.sigma[j + 1] * s.sigma[j + 1])
+
+
+@compiled
+def state_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
+    """Variance of the noise in state j, of which ``found`` shows between states and derivatives.
+
+    Where the window has made both of the same signal nothing shows. Then the noise is at most what third differences
+    hold, and what would make the prediction errors of the derivative.
+    """
+    if s.straddle == 0 or x.residual[j, 1] <= 0.0:
+        return found
+    most = min(x.state_median[j] / MEDIAN, s.slope_noise * x.residual[j, 0] / x.residual[j, 1])
+    return float(max(found, most))
+
+
+@compiled
+def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, error: float, expected: float) -> None:
+    """Update how row q's output goes with the third differences.
+
+    ``error`` is what the output does beyond the estimates by the regressor phi (p,), constant first: what these make of
+    the noise in an effector is in both, and is none of what the output does. ``expected`` is by what the square of the
+    error is larger than that of the residual, for the estimates are not known yet.
+    """
     first = s.effectors_from + 1
     for j in range(x.third.shape[0]):
-        answer = error + x.mixed[q, first + j] * x.quick[first + j]
-        x.third_cross[q, j] = s.colour_forgetting * x.third_cross[q, j] + answer * x.third[j]
+        answer = error + x.mixed[q, first + j] * (phi[first + j] - x.quick_mean[first + j])
+        x.third_cross[q, j] = s.colour_forgetting * x.third_cross[q, j] + answer * x.third[j] / math.sqrt(expected)
 
 
 @compiled

@@ -40,7 +40,7 @@ def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
             if x.group[q] == g and work.concerned[q] != 0:
                 x.group[q] = target
                 effect = effect_of(s, x.theta_before[q], k)
-                precision = max(precision, effect * effect / noise_of(s, x, q))
+                precision = max(precision, effect * effect / noise_of(s, x, q, s.loss_members.shape[0] - 1))
                 shift_row(s, x, q, k, effect * (1.0 + work.change[k]))
         for m in range(s.forgetting.shape[0]):
             forget_direction(s, x.R[target], m, k, precision, work)
@@ -120,6 +120,8 @@ def copy_group(x: BankState, g: int, target: int) -> None:
         copy_rows(x.R[g, i], x.R[target, i])
     copy_rows(x.centre[g], x.centre[target])
     copy_rows(x.info[g], x.info[target])
+    for j in range(x.sensitivity.shape[1]):
+        copy_rows(x.sensitivity[g, j], x.sensitivity[target, j])
     for m in range(x.taken.shape[1]):
         x.deviation[target, m] = x.deviation[g, m]
         x.log[target, m] = x.log[g, m]

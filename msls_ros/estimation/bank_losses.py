@@ -4,7 +4,8 @@ The test of `bank_detection` sees a change within a few samples where it jumps o
 jump, or smoothed inputs spread it, evidence has to be gathered; and one knows what to look for: if a surface keeps a
 share 1 + c of its effect, the effectors' columns of every row q change by ``c a_q``, with ``a_q`` known (`surfaces`).
 Let ``R`` be the factor of a member with a short memory, ``D_q = theta_member - theta_reference`` the difference from
-the estimates of some time ago, all without the constant, and ``n_q`` the variance of row q's residual. Then::
+the estimates of some time ago, all without the constant, and ``n_q`` the variance of its innovations in row q,
+corrected for autocorrelation, and of model error, `FLOOR`. Then::
 
     c_q = a_q' R'R D_q / a_q' R'R a_q,      v_q = n_q / (2 a_q' R'R a_q) + (relative standard error of the effect)^2
     c = sum(c_q / v_q) / sum(1 / v_q),      z = -c / sqrt(1 / sum(1 / v_q) + tolerance^2)
@@ -13,6 +14,9 @@ the estimates of some time ago, all without the constant, and ``n_q`` the varian
 the loss, all else being what it was. A loss is seen when, a few times in a row, z exceeds its limit and c is the loss
 of a good part, explains most of all that has changed (``sum D' R'R D / n``), and more than any other surface and than
 any single state would. Only what has a direction of its own alarms: model errors that no surface explains do not.
+
+The innovations are the member's own: what its walking constant follows is no noise in its estimates. An estimate that
+has moved within a second before is no reference: the square of that is in its error.
 
 What follows from it is in `bank_forgetting`.
 
@@ -27,7 +31,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
-from msls_ros.estimation.bank_uncertainty import long_run_factor, square_of_change
+from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
@@ -51,8 +55,8 @@ RIVAL = 0.75
 """Largest share of what it explains that another surface may: model errors grow with what has changed."""
 KNOWN = 0.5
 """Largest relative standard error of an effect that can be seen to be lost."""
-ROOM = 1.5
-"""The residual variance of now counts no more than so many times that of before."""
+OUTLIER = 9.0
+"""Squared innovations count no more than so many times their mean: a jump is what is looked for, and no noise."""
 
 
 @compiled
@@ -65,8 +69,19 @@ def keep_reference(s: BankSettings, x: BankState) -> None:
     for q in range(x.mixed.shape[0]):
         begun = x.age[x.group[q]] >= 4 * x.mixed.shape[1]  # few samples: what is known then is no reference yet
         for i in range(x.mixed.shape[1]):
-            x.kept_square[slot, q, i] = square_of_change(x, q, i, x.square[q, i]) if begun else math.inf
+            square = square_of_change(x, q, i, x.square[q, i]) + square_of_move(s, x, q, i)
+            x.kept_square[slot, q, i] = square if begun else math.inf
     x.kept[0] += 1
+
+
+@compiled
+def square_of_move(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square by which row q's coefficient i has moved in the last second: what moves is no reference yet."""
+    back = s.loss_delays[0]
+    if x.kept[0] - x.kept[1] < back:
+        return 0.0
+    step = x.mixed[q, i] - x.kept_theta[(x.kept[0] - back) % x.kept_theta.shape[0], q, i]
+    return float(step * step)
 
 
 @compiled
@@ -84,7 +99,7 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
             continue
         slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
         before, square = x.kept_theta[slot], x.kept_square[slot]
-        excess = compare_surfaces(s, x, s.loss_members[a], before, square, work)
+        excess = compare_surfaces(s, x, a, before, square, work)
         k = find_loss(work, excess)
         x.run[a] = x.run[a] + 1 if k >= 0 and k == x.suspect[a] else (1 if k >= 0 else 0)
         x.suspect[a] = k
@@ -119,25 +134,47 @@ def find_loss(work: BankWork, excess: float) -> int:
 
 
 @compiled
-def noise_of(s: BankSettings, x: BankState, q: int) -> float:
-    """Variance of row q's residual, corrected for colour, and what of the output is model error; 0: not known yet."""
-    if x.base[q, 1] < s.rest or x.residual[q, 1] <= 0.0:
-        return 0.0
-    usual = x.base[q, 0] / x.base[q, 1]
-    now = ROOM * x.residual[q, 0] / x.residual[q, 1]
-    return float(min(usual, now) * long_run_factor(x, q) + FLOOR * FLOOR * x.remembered[q])
+def observe_innovations(s: BankSettings, x: BankState, q: int) -> None:
+    """Update variance and autocorrelation of the innovations of the members that are compared, of row q."""
+    p = x.mixed.shape[1]
+    g = x.group[q]
+    if x.age[g] <= 2 * p:
+        return
+    weight = max(x.gate[q], s.quiet)
+    fade = 1.0 - (1.0 - s.colour_forgetting) * weight
+    for a in range(s.loss_members.shape[0]):
+        m = s.loss_members[a]
+        own = x.innovation[a, q]
+        e = x.errors[q, m] * x.deviation[g, m]
+        square = e * e
+        if own[0] > 0.0:
+            square = min(square, OUTLIER * own[0] / own[2])
+        own[0] = fade * own[0] + weight * square
+        own[1] = fade * own[1] + weight * math.copysign(min(abs(e * own[3]), square), e * own[3])
+        own[2] = fade * own[2] + weight
+        own[3] = e
 
 
 @compiled
-def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, square: Array, work: BankWork) -> float:
+def noise_of(s: BankSettings, x: BankState, q: int, a: int) -> float:
+    """Variance of the innovations, corrected for autocorrelation, and what of the output is model error; 0: unknown."""
+    own = x.innovation[a, q]
+    if x.base[q, 1] < s.rest or own[0] <= 0.0:
+        return 0.0
+    rho = min(max(own[1] / own[0], 0.0), LARGEST_COLOUR)
+    return float(own[0] / own[2] * (1.0 + rho) / (1.0 - rho) + FLOOR * FLOOR * x.remembered[q])
+
+
+@compiled
+def compare_surfaces(s: BankSettings, x: BankState, a: int, before: Array, square: Array, work: BankWork) -> float:
     """Compare the estimates of a member with older ones, in the direction of every surface's loss.
 
     Parameters
     ----------
     s, x
         Settings and state.
-    m
-        Member.
+    a
+        Which of the members that are compared.
     before, square
         (r, p) older estimates and their squared standard errors, constant first.
     work
@@ -150,6 +187,7 @@ def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, squar
         All that has changed, beyond what noise makes.
     """
     p = before.shape[1]
+    m = s.loss_members[a]
     excess = 0.0
     for k in range(s.gains.shape[0]):
         work.change[k] = 0.0
@@ -159,7 +197,7 @@ def compare_surfaces(s: BankSettings, x: BankState, m: int, before: Array, squar
         work.by_state[i] = 0.0
     prepared = -1
     for q in range(before.shape[0]):
-        n = noise_of(s, x, q) if work.concerned[q] != 0 else 0.0
+        n = noise_of(s, x, q, a) if work.concerned[q] != 0 else 0.0
         for k in range(s.gains.shape[0]):
             work.against[q, k] = 0.0
             work.information[q, k] = 0.0

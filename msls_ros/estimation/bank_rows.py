@@ -9,13 +9,21 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import update_members
+from msls_ros.estimation.bank_batches import clear_batches
 from msls_ros.estimation.bank_delay import find_delay, observe_output, take_back
-from msls_ros.estimation.bank_detection import sense_bank
-from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections
+from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
+from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
-from msls_ros.estimation.bank_lags import KEEP, observe_inputs, regress_steps
-from msls_ros.estimation.bank_losses import EVERY, keep_reference, mark_alarm, sense_losses
+from msls_ros.estimation.bank_lags import KEEP, observe_inputs
+from msls_ros.estimation.bank_losses import (
+    EVERY,
+    keep_reference,
+    mark_alarm,
+    observe_innovations,
+    sense_losses,
+    square_of_move,
+)
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
@@ -75,6 +83,7 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
+        observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
@@ -91,6 +100,8 @@ def advance_bank(
             lost = sense_losses(s, x, work)
             if lost >= 0:
                 apply_loss(s, x, lost, work)
+                for q in range(x.group.shape[0]):
+                    forget_predictors(x, q)
                 mark_alarm(s, x, lost, work, out.statistic[n], out.alarm[n])
                 any_alarm = True
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
@@ -109,14 +120,14 @@ def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: Ban
     for q in range(y.shape[0]):
         observe_output(s, x, q, y[q])
     if x.samples[0] % KEEP == 0:
-        find_delay(s, x, work.factor, work.w, work.squares)
-        regress_steps(x, work.factor, work.w)
+        find_delay(s, x, work.factor, work.w, work.squares, work.difference)
         find_noise(s, x)
     for q in range(y.shape[0]):
         if x.waiting[x.group[q]] > 0:
             continue
         judge(s, x, q, y[q], work)
         observe_errors(s, x, q, work.e)
+        observe_innovations(s, x, q)
         turn, young = x.samples[0] + q, x.age[x.group[q]] <= settled
         if turn % WEIGH == 0 or young:
             weigh(s, x, q, work.e)
@@ -175,7 +186,7 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
     target = free_group(x, alarm)
     for q in range(alarm.shape[0]):
         if alarm[q] != 0:
-            keep_before(x, q)
+            keep_before(s, x, q)
     clear_factors(s, x, target)
     x.waiting[target] = s.straddle + 1 if s.straddle > 0 else 0
     x.kept[1] = x.kept[0]
@@ -210,6 +221,7 @@ def restart_row(x: BankState, q: int) -> None:
     p, members = x.members.shape[1:]
     x.judged[q] = 0.0
     x.counted[q] = -2 * p
+    clear_batches(x, q)
     for i in range(p):
         x.best_square[q, i] = math.inf
         x.square[q, i] = math.inf
@@ -225,10 +237,11 @@ def restart_row(x: BankState, q: int) -> None:
             x.members[q, i, m] = x.mixed[q, i]
             for k in range(x.past.shape[0]):
                 x.past[k, q, i, m] = x.mixed[q, i]
+    forget_predictors(x, q)
 
 
 @compiled
-def keep_before(x: BankState, q: int) -> None:
+def keep_before(s: BankSettings, x: BankState, q: int) -> None:
     """Keep what was known of row q before its first alarm, for isolation."""
     if x.pending[q] != 0:
         return
@@ -236,7 +249,7 @@ def keep_before(x: BankState, q: int) -> None:
     p = x.mixed.shape[1]
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        x.square_before[q, i] = square_of_change(x, q, i, x.square_moved[q, i])
+        x.square_before[q, i] = square_of_change(x, q, i, x.square_moved[q, i]) + square_of_move(s, x, q, i)
 
 
 @compiled

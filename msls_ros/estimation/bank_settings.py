@@ -65,6 +65,8 @@ LATE = 0.02
 """By how much responses are looked for late, at least a sample [s]."""
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
+BATCHES = ((1.0, 1.0), (4.0, 1.2), (16.0, 2.8))
+"""Lengths of batches of data [s], and (t/1.96)^2 of Student's t for as many as the longest memory, 30 s, holds."""
 PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
@@ -125,6 +127,7 @@ def make_bank_settings(
     widest = [(t, -k, p) for t, p, k, _ in grid]
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
     late = max(1, round(LATE / period))
+    third, slope_noise = _window_noise(straddle)
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
         members=len(grid),
@@ -141,7 +144,7 @@ def make_bank_settings(
         energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
         detect=detect,
         windows=np.array(WINDOWS, np.int64),
-        quantiles=np.array(QUANTILES),
+        quantiles=np.array(QUANTILES if straddle == 0 else (32.8, 32.8, 32.8, 9.8)),
         threshold=threshold,
         floor=FLOOR,
         base=max(1.0 - period / BASE, 0.0),
@@ -161,6 +164,9 @@ def make_bank_settings(
         coupled=_coupled(rates, len(scale)),
         turning=_turning(turning or {}, len(scale)),
         quick=min(period / QUICK, 1.0),
+        motion=min(period / (QUICK + straddle * period), 1.0),
+        third=third,
+        slope_noise=slope_noise * period * period,
         late=late,
         latest=max(1, round(LATEST / period)),
         late_part=DELAY_OF_RECORDS / (late * period),
@@ -169,9 +175,27 @@ def make_bank_settings(
         loss_members=np.array(near, np.int64),
         loss_delays=np.array([max(1, round(back / period / stride)) for _, back in LOSSES], np.int64),
         stride=stride,
+        batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
+        batch_factor=np.array([factor for _, factor in BATCHES]),
         followed_row=-1,
         followed_column=-1,
     )
+
+
+def _window_noise(straddle: int) -> tuple[float, float]:
+    """Return what white noise becomes in a window of `msls_ros.inputs.derivatives` of so many intervals.
+
+    By what third differences of the values are as large as the noise in them, and the variance of that over the least of
+    what is left of the slopes by the best prediction, their first weight (Kolmogorov's formula) [sample^2].
+    """
+    raw = [0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0]
+    window = np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]) if straddle > 0 else np.ones(1)
+    slope = np.diff(raw)
+    thirds = np.convolve(window, [1.0, -3.0, 3.0, -1.0])
+    square = float(np.sum(window * window))
+    return math.sqrt(square / float(np.sum(thirds * thirds))), square / float(
+        slope[0] * slope[0]
+    ) if straddle > 0 else 0.0
 
 
 def _coupled(rates: Sequence[int], p: int) -> Integers:

@@ -82,6 +82,12 @@ class BankSettings(NamedTuple):
     is known and not in the estimates, for the body's axes turn; 0: none. See `kinematics.remove_rotation`."""
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
+    third: float
+    """Of third differences of the deflections, to be of the size of their noise, see `bank_effector_noise`."""
+    slope_noise: float
+    """White noise in a state that has passed the window over that in its derivative by it [s^2]."""
+    motion: float
+    """The same for what has moved since the estimates that predict a sample: longer where inputs are smoothed."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
     latest: int
@@ -97,6 +103,10 @@ class BankSettings(NamedTuple):
     """(a,) by how much older, in strides."""
     stride: int
     """Samples between estimates that are kept for that."""
+    batches: Integers
+    """(k,) samples of the batches of which the estimates' moves are taken, see `bank_batches`."""
+    batch_factor: Array
+    """(k,) by what the variance of so few of them is larger [1]."""
     followed_row: int
     followed_column: int
     """Of the estimate that `Output.followed` holds; negative: none."""
@@ -183,6 +193,8 @@ class BankState(NamedTuple):
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     quick: Array
     """(p,) the regressors above their mean of the last moment, see `bank_lags`."""
+    motion: Array
+    """(2, p) the regressors above their mean since the estimates that predict them, see `bank_detection`; that mean."""
     quick_past: Array
     """(l, c) the effectors of these over the last samples, a ring."""
     quick_late: Array
@@ -193,20 +205,14 @@ class BankState(NamedTuple):
     """(1,) weighted number of samples in the sums that follow."""
     moment: Array
     """(p, p) weighted sums of products of the first, lower triangle."""
-    quick_info: Array
-    """(p,) information about each coefficient that is so quick."""
-    quick_power: Array
-    """(c,) sums of squares of the steps of the effectors."""
     quick_moment: Array
     """(c, p) sums of products of these steps with the regressors."""
-    late: Array
-    """(c, p) regression of these steps on the regressors."""
-    unexplained: Array
-    """(c,) what it leaves of their sums of squares; 0: too little."""
+    predictors: Array
+    """(s + 1, 2, r, p) the estimates, and those of the sharpest member, over the last samples, a ring."""
     recent: Array
     """(k, c) the last deflections, a ring, see `bank_delay`."""
     delay: Array
-    """(5,) of responses after deflections [samples], its variance [l^2], two sums that it comes from, its mean."""
+    """(4,) of responses after deflections [samples], its variance [l^2], two sums that it comes from."""
     output_mean: Array
     """(r,) mean of the outputs over the last moment, see `bank_delay`."""
     answer: Array
@@ -215,14 +221,18 @@ class BankState(NamedTuple):
     """(c, c) sums of products of these steps, lower triangle."""
     early: Array
     """(r, p) sums of quick outputs times the quick regressors; their squares at the constant's place."""
+    step_back: Array
+    """(c,) by what the deflections would differ if they were taken back `BankSettings.late` samples more."""
+    sensitivity: Array
+    """(g, c, p, m) what the members make of that: derivative of estimates by the delay, constant first, `bank_lags`."""
     cross: Array
-    """(r, c) sums of prediction errors times the last effectors."""
-    lag_spread: Array
-    """(r, p) its variance."""
-    lag_mean: Array
-    """(r, p) mean of the root of `bank_lags.lag_square_now` over seconds."""
-    lag_bias: Array
-    """(r, p) what the estimates may be off by because outputs and effectors are not in step."""
+    """(r, c) sums of prediction errors times these differences."""
+    unexplained: Array
+    """(c,) what the regressors leave of the sum of their squares, all of them quick; 0: too little."""
+    unlike: Array
+    """(2, r, c) squares of what of each effect may come so late in this row alone: what hides, what shows."""
+    late_square: Array
+    """(2, r, p) variance of the estimates by what is not known of delays, and by what shows of them alone."""
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
     third: Array
@@ -233,6 +243,10 @@ class BankState(NamedTuple):
     """(c,) weighted sum of their squares."""
     third_cross: Array
     """(r, c) weighted sums of them times what outputs do by each effector and beyond the model."""
+    states: Array
+    """(3, r) the last states, a ring, where inputs have passed a window."""
+    state_median: Array
+    """(r,) median square of their third differences, of the size of their noise."""
     third_noise: Array
     """(c,) variance of the noise in the deflections."""
     widened: Array
@@ -249,6 +263,9 @@ class BankState(NamedTuple):
     """(w, r, p) estimates of the last seconds, constant first, a ring."""
     kept_square: Array
     """(w, r, p) their squared standard errors."""
+    innovation: Array
+    """(a, r, 4) of the members that are compared: weighted sums of squares, of products of successive ones, of the
+    weights, and the last one, see `bank_losses`."""
     run: Integers
     """(a,) how many times in a row a loss was seen, see `bank_losses`."""
     suspect: Integers
@@ -267,6 +284,13 @@ class BankState(NamedTuple):
     """(r, p) squared standard errors, constant first."""
     square_lately: Array
     """(2, r, p) the largest of these, by what is known now, of this quarter of a second and the last; 0: none."""
+    batch: Array
+    """(k, r, p, 3) variance by what estimates move; estimate and information at the end of the last batch; constant
+    first, see `bank_batches`."""
+    batch_kept: Array
+    """(k, r) share of the older information that is not forgotten since then."""
+    batch_number: Integers
+    """(k, r) which batch that was."""
     lately: Integers
     """(r,) which quarter of a second that is."""
     best: Array
@@ -380,31 +404,33 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
         quick=np.zeros(p),
+        motion=np.zeros((2, p)),
         quick_past=np.zeros((s.late, effectors)),
         quick_late=np.zeros(effectors),
         quick_mean=np.zeros(p),
         quick_samples=np.zeros(1),
         moment=np.zeros((p, p)),
-        quick_info=np.zeros(p),
-        quick_power=np.zeros(effectors),
         quick_moment=np.zeros((effectors, p)),
-        late=np.zeros((effectors, p)),
-        unexplained=np.zeros(effectors),
-        recent=np.zeros((s.latest + 2, effectors)),
-        delay=np.zeros(5),
+        predictors=np.zeros((s.straddle + 1, 2, rows, p)),
+        recent=np.zeros((s.latest + s.late + 2, effectors)),
+        delay=np.zeros(4),
         output_mean=np.zeros(rows),
         early=np.zeros((rows, p)),
         answer=np.zeros((rows, effectors)),
         steps=np.zeros((effectors, effectors)),
+        step_back=np.zeros(effectors),
+        sensitivity=np.zeros((groups, effectors, p, m)),
         cross=np.zeros((rows, effectors)),
-        lag_spread=np.zeros((rows, p)),
-        lag_mean=np.zeros((rows, p)),
-        lag_bias=np.zeros((rows, p)),
+        unexplained=np.zeros(effectors),
+        unlike=np.zeros((2, rows, effectors)),
+        late_square=np.zeros((2, rows, p)),
         deflections=np.zeros((3, effectors)),
         third=np.zeros(effectors),
         third_median=np.zeros(effectors),
         third_power=np.zeros(effectors),
         third_cross=np.zeros((rows, effectors)),
+        states=np.zeros((3, rows)),
+        state_median=np.zeros(rows),
         third_noise=np.zeros(effectors),
         widened=np.ones((rows, p)),
         pending=np.zeros(rows, np.int64),
@@ -413,6 +439,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         kept=np.zeros(2, np.int64),
         kept_theta=np.zeros((kept, rows, p)),
         kept_square=np.zeros((kept, rows, p)),
+        innovation=np.zeros((len(s.loss_members), rows, 4)),
         run=np.zeros(len(s.loss_members), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
         misfits=np.zeros(rows, np.int64),
@@ -422,6 +449,9 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         waiting=np.zeros(groups, np.int64),
         square=np.zeros((rows, p)),
         square_lately=np.zeros((2, rows, p)),
+        batch=np.zeros((len(s.batches), rows, p, 3)),
+        batch_kept=np.zeros((len(s.batches), rows)),
+        batch_number=np.zeros((len(s.batches), rows), np.int64),
         lately=np.zeros(rows, np.int64),
         best=np.zeros((rows, p)),
         best_square=np.zeros((rows, p)),
@@ -469,6 +499,9 @@ def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
         clear_factor(s, x, g, m)
     for i in range(s.prior.shape[0]):
         x.kept_info[g, i] = 0.0
+        for j in range(x.sensitivity.shape[1]):
+            for m in range(s.forgetting.shape[0]):
+                x.sensitivity[g, j, i, m] = 0.0
     x.age[g] = 0
     x.shared_gate[g] = 1.0
 

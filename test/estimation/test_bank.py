@@ -30,7 +30,7 @@ SMALL: dict[str, Any] = {
     "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "4272d5cc6093bcdf16720997bf057ed1"
+PINNED = "d8c870ad705f6b5b5fc58e922e3687a3"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
@@ -251,11 +251,13 @@ def test_the_best_that_was_known_is_kept_with_its_time_and_the_bars_stay_what_th
     n, quiet = 1800, 600
     x, delta = 0.25 * uniform(n, 3, 14), 0.125 * uniform(n, 2, 15)
     x[quiet:], delta[quiet:] = 1e-3 * x[quiet:], 1e-3 * delta[quiet:]
-    xdot = 0.01 * uniform(n, 3, 16) + delta @ np.array([[8.0, 0.0, 0.0], [0.0, -4.0, 0.0]])
+    xdot = 0.01 * uniform(n, 3, 16) + delta @ np.array([[8.0, 0.0, 1.0], [0.0, -4.0, 2.0]])
     estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta).estimates
     then, now = estimates[quiet - 1], estimates[-1]
     assert now.b_best[0, 0] == pytest.approx(8.0, rel=0.02)
-    assert 1.0 < now.b_best_time[0, 0] <= PERIOD * quiet + 0.5
+    assert 1.0 < now.b_best_time[0, 0] <= PERIOD * quiet + 2.5, (
+        "what is known of delays counts until the energy has faded"
+    )
     assert now.b_best_std[0, 0] <= then.b_std[0, 0] * 1.01
     assert now.b_std[0, 0] <= 2.0 * then.b_std[0, 0]
     assert now.b_reliable[0, 0] and now.excitation[3] < 0.5

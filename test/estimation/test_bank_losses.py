@@ -117,11 +117,12 @@ def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     identifier.run(*noisy(100, n=240))
     engine = engine_of(identifier)
     s, x, work = engine.settings, engine.state, engine._work
-    member, row, column = int(s.recent), 0, 4
+    which, row, column = len(s.loss_members) - 1, 0, 4
+    member = int(s.loss_members[which])
     before = x.mixed.copy()
     before[row, column] *= 1.25
     work.concerned[:] = [1, 0, 0]
-    compare_surfaces(s, x, member, before, 1e-12 * np.ones_like(before), work)
+    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), work)
     R = x.R[0, 1:, 1:, member]
     a = np.zeros(5)
     a[column - 1] = before[row, column]
