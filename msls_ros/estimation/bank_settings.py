@@ -185,8 +185,8 @@ def make_bank_settings(
 def _window_noise(straddle: int) -> tuple[float, float]:
     """Return what white noise becomes in a window of `msls_ros.inputs.derivatives` of so many intervals.
 
-    By what third differences of the values are as large as the noise in them, and the variance of that over the least of
-    what is left of the slopes by the best prediction, their first weight (Kolmogorov's formula) [sample^2].
+    By what third differences of the values are as large as the noise in them, and the variance of that over the least
+    that the best prediction leaves of the slopes, the square of their first weight (Kolmogorov's formula) [sample^2].
     """
     raw = [0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0]
     window = np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]) if straddle > 0 else np.ones(1)
