@@ -1,0 +1,74 @@
+"""Inputs that have passed a window, and estimates that move: changes are seen, and the bars hold what moves."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from estimation.test_bank import PERIOD, SMALL, uniform
+
+from msls_ros.estimation import EventKind, Identifier, from_mapping
+from msls_ros.estimation.bank_batches import batch_square, observe_batches
+from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.inputs.derivatives import DerivativeFilter
+
+INTERVALS = 4
+FAULT = 900
+
+
+def alarms(share: float) -> list[float]:
+    """Return the times of alarms: an effector keeps a share of its effect from `FAULT` on, while it is held.
+
+    Rates and deflections pass the window, the derivatives are its slopes.
+    """
+    n = 1200
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    delta = np.stack([0.1 * np.sign(np.sin(2.0 * time)), 0.05 * np.sin(3.1 * time)], axis=1)
+    delta[FAULT - 100 :, 0] = 0.1
+    for j in range(2):
+        delta[:, j] = np.convolve(delta[:, j], np.ones(8) / 8, "same")
+    delta[FAULT - 100 : FAULT + 200, 0] = 0.1
+    effect = np.where(np.arange(n) < FAULT, 8.0, share * 8.0)
+    x = np.zeros((n, 3))
+    for k in range(1, n):
+        before = x[k - 1]
+        push = np.array([effect[k - 1] * delta[k - 1, 0], -4.0 * delta[k - 1, 1], delta[k - 1, 0]])
+        x[k] = before + PERIOD * (push - np.array([3.0, 2.0, 1.0]) * before)
+    read = np.concatenate([x, delta], axis=1) + 1e-3 * math.sqrt(3.0) * uniform(n, 5, 95)
+    window = DerivativeFilter(INTERVALS, 5, 10**9)
+    kept = [one for t, row in zip(time, read, strict=True) if (one := window.push(round(t * 1e9), row)) is not None]
+    smooth, slope = np.array([one.smooth for one in kept]), np.array([one.slope for one in kept])
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), INTERVALS)
+    stamps = np.array([one.stamp * 1e-9 for one in kept])
+    run = identifier.run(stamps, smooth[:, :3], slope[:, :3], smooth[:, 3:])
+    return [v.time for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
+
+
+def test_a_loss_is_seen_through_a_window_as_soon_as_the_window_is_past_it() -> None:
+    """What predicts one sample ahead follows a change that comes in over five: a third of it shows."""
+    found = [time - PERIOD * FAULT for time in alarms(0.5)]
+    assert found, "half of the effect is lost while it is in use"
+    assert -0.5 * INTERVALS * PERIOD <= found[0] <= (INTERVALS + 2) * PERIOD
+
+
+def test_nothing_is_alarmed_where_nothing_changes() -> None:
+    assert alarms(1.0) == []
+
+
+def test_batches_give_the_variance_by_what_the_estimates_move() -> None:
+    """Four batches of information 1 each, of which the second says 2 and the others 1."""
+    settings = bank_settings(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}))
+    engine = BankRegression(settings._replace(batches=np.array([4]), batch_factor=np.array([1.0])), 3)
+    s, x, leader = engine.settings, engine.state, int(np.argmax(engine.settings.held))
+    x.shared_gate[:] = 0.0  # nothing is forgotten
+    said = [1.0, 2.0, 1.0, 1.0]
+    for k, _ in enumerate(said, 1):
+        x.mixed[0, 4], x.known[0, 4] = float(np.mean(said[:k])), float(k)
+        x.samples[0] = 4 * k
+        observe_batches(s, x, 0, leader, 4)
+    moves = [0.0, (1.5 - 1.0) * 1.0 / 2.0, (4.0 / 3.0 - 1.5) * 2.0 / 3.0, (1.25 - 4.0 / 3.0) * 3.0 / 4.0]
+    # each as a part of the whole: S of k batches is (k/4)^2 of what it adds in the end
+    expected = sum((move * k / 4.0) ** 2 for k, move in enumerate(moves, 1))
+    assert batch_square(s, x, 0, 4) == pytest.approx(expected, rel=1e-9)
