@@ -35,6 +35,7 @@ import math
 
 from msls_ros.estimation.bank_lags import APART, KEEP, REDUNDANT, shift_estimates, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
@@ -54,8 +55,6 @@ NOISY = 0.05
 Interpolation averages the noise of deflections, most so at l/2, to which rows are drawn in which noise is what moves:
 on smooth flights with delays of 0 to 22 ms, rows of 1 ms or less were right to 2 ms, those of 5 ms or more said 10 ms.
 """
-LARGEST_COLOUR = 0.98
-"""As in `bank_uncertainty`."""
 
 
 @compiled
@@ -119,6 +118,25 @@ def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> No
 
 
 @compiled
+def find_unexplained(s: BankSettings, x: BankState, d: float, factor: Array, w: Array, information: Array) -> None:
+    """Find the quick information about every effect, and ``x.unexplained``: what the regressors leave of the steps."""
+    first = s.effectors_from + 1
+    count = x.answer.shape[1]
+    for j in range(count):
+        for i in range(w.shape[0]):
+            w[i] = 0.0
+        w[first + j] = 1.0
+        information[j] = 1.0 / max(solve_forward(factor, w, first + j), 1e-300)
+        w[0] = 0.0
+        for i in range(1, w.shape[0]):
+            w[i] = x.quick_moment[j, i]
+        for k in range(count):
+            w[first + k] += d * x.steps[max(j, k), min(j, k)]
+        left = x.steps[j, j] - solve_forward(factor, w, 0)
+        x.unexplained[j] = left if left > APART * x.steps[j, j] else 0.0
+
+
+@compiled
 def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array, information: Array) -> None:
     """Find the delay that all responses have in common, and what `bank_lags` needs to know of it.
 
@@ -140,18 +158,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
         return
     d = x.delay[1] * x.delay[2]
     factor_moments(s, x, d, factor)
-    for j in range(count):
-        for i in range(p):
-            w[i] = 0.0
-        w[first + j] = 1.0
-        information[j] = 1.0 / max(solve_forward(factor, w, first + j), 1e-300)
-        w[0] = 0.0
-        for i in range(1, p):
-            w[i] = x.quick_moment[j, i]
-        for k in range(count):
-            w[first + k] += d * x.steps[max(j, k), min(j, k)]
-        left = x.steps[j, j] - solve_forward(factor, w, 0)
-        x.unexplained[j] = left if left > APART * x.steps[j, j] else 0.0
+    find_unexplained(s, x, d, factor, w, information)
     total = 0.0
     weight = 0.0
     for q in range(x.answer.shape[0]):
@@ -186,7 +193,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
         own = size - solve_forward(factor, z, 0)
         if own <= APART * size:
             continue
-        rho = min(max(x.colour[q, 0] / x.colour[q, 1], 0.0), LARGEST_COLOUR) if x.colour[q, 1] > 0.0 else 0.0
+        rho = autocorrelation(x, q)
         square = variance * (1.0 + rho) / (1.0 - rho) / own
         one = 1.0 / (square * (1.0 + square / (NOISY * NOISY)) + DIFFER * DIFFER)
         weight += one

@@ -20,7 +20,7 @@ samples. No noise level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
-moved since, and as the errors of one window go together, those of several samples count as one.
+moved since, and as the errors of one window go together, q_l is that of as many samples as l holds windows.
 
 A fault seldom shows in one equation alone: where two rows reach two fifths of the threshold at once, both alarm
 (`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other

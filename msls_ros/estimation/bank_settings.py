@@ -144,7 +144,7 @@ def make_bank_settings(
         energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
         detect=detect,
         windows=np.array(WINDOWS, np.int64),
-        quantiles=np.array(QUANTILES if straddle == 0 else (32.8, 32.8, 32.8, 9.8)),
+        quantiles=np.array([_quantile(length // (straddle + 1)) for length in WINDOWS]),
         threshold=threshold,
         floor=FLOOR,
         base=max(1.0 - period / BASE, 0.0),
@@ -193,9 +193,13 @@ def _window_noise(straddle: int) -> tuple[float, float]:
     slope = np.diff(raw)
     thirds = np.convolve(window, [1.0, -3.0, 3.0, -1.0])
     square = float(np.sum(window * window))
-    return math.sqrt(square / float(np.sum(thirds * thirds))), square / float(
-        slope[0] * slope[0]
-    ) if straddle > 0 else 0.0
+    over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
+    return math.sqrt(square / float(np.sum(thirds * thirds))), over_slope
+
+
+def _quantile(independent: int) -> float:
+    """Return that of a mean of so many independent squares: of the longest of `WINDOWS` that is no longer, or of 1."""
+    return max((w, q) for w, q in zip(WINDOWS, QUANTILES, strict=True) if w <= max(independent, 1))[1]
 
 
 def _coupled(rates: Sequence[int], p: int) -> Integers:

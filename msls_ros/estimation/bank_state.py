@@ -85,9 +85,9 @@ class BankSettings(NamedTuple):
     third: float
     """Of third differences of the deflections, to be of the size of their noise, see `bank_effector_noise`."""
     slope_noise: float
-    """White noise in a state that has passed the window over that in its derivative by it [s^2]."""
+    """Variance of white noise in a state that has passed the window over what it leaves of the derivative [s^2]."""
     motion: float
-    """The same for what has moved since the estimates that predict a sample: longer where inputs are smoothed."""
+    """Gain per sample of the mean above which regressors have moved since the estimates that predict a sample."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
     latest: int
