@@ -10,12 +10,13 @@ first, sigma the bank's unit of each regressor)::
     [ R              ]     Givens    [ R' ]
     [ eps prior row  ]   -------->   [ 0  ]                           one row of the prior in turn: no wind-up
     [ R'     | 0 ]         Givens    [ R'' | z ]
-    [ phi    | 1 ]       -------->   [ 0   | s ]                      eq 10; s = 1/sqrt(1 + phi' (R'R)^-1 phi)
-    R'' K = z,   theta_q += K e_q                                     eqs 9 and 11, for every row q of the group
+    [ w phi  | 1 ]       -------->   [ 0   | s ]                      eq 10; s = 1/sqrt(1 + w^2 phi' (R'R)^-1 phi)
+    R'' K = z,   theta_q += K w e_q                                   eqs 9 and 11, for every row q of the group
 
-``lambda = exp(-dt/tau)``. A *held* member forgets in proportion to what it learns: ``1 - lambda`` times the share of
-the present energy of the outputs in the energy that is remembered (`bank_energy`), so that quiet flight takes nothing
-away. At a start ``R = diag(sigma_i/pi)``.
+``lambda = exp(-dt/tau)``, w = 1. A *held* member counts its memory in excited seconds: the share g of the present
+energy of the outputs in the energy that is remembered (`bank_energy`) multiplies ``1 - lambda``, and is the weight of
+the sample, ``w = sqrt(g)``. Quiet flight takes nothing away then, nor does the noise of a minute of it, which is all
+that regressors hold there, draw what was learnt towards nothing. At a start ``R = diag(sigma_i/pi)``.
 
 The walk of the constant is exact: a random walk of variance kappa^2 (in residual variances) added to the first
 coefficient turns the information ``R_00^2`` into ``R_00^2/(1 + kappa^2 R_00^2)``; the others keep theirs, because the
@@ -56,10 +57,11 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     p, members = work.row.shape
     R = x.R[g]
     prepare_forgetting(s, R, x.age[g], x.shared_gate[g], work)
+    weigh_sample(s, x.shared_gate[g], work)
     count = x.taken[g]
     for m in range(members):
-        count[m] = (1.0 - work.loss[m]) * count[m] + 1.0
-        work.e[m] = 1.0 / count[m] if x.age[g] > 0 else 1.0
+        count[m] = (1.0 - work.loss[m]) * count[m] + work.weight[m]
+        work.e[m] = work.weight[m] / count[m] if x.age[g] > 0 else 1.0
     for i in range(1, s.effectors_from + 1):
         centre = x.centre[g, i]
         for m in range(members):
@@ -77,15 +79,20 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
             work.first[m] = 1.0
     for i in range(p):
         for m in range(members):
-            work.row[i, m] = work.phi[i]
+            work.row[i, m] = work.root_weight[m] * work.phi[i]
     rotate(R, work, 0)
     deviation = x.deviation[g]
     log = x.log[g]
     for m in range(members):
-        deviation[m] = work.left[m]
+        square = work.left[m] * work.left[m]
+        deviation[m] = math.sqrt(square * work.weight[m] / (1.0 - square * (1.0 - work.weight[m])))
     for m in range(members):
         log[m] = -2.0 * logarithm(deviation[m])
     solve_gains(R, work.z, work.K)
+    for i in range(p):
+        gain = work.K[i]
+        for m in range(members):
+            gain[m] *= work.root_weight[m]
     if x.samples[0] % REFRESH == 0 or x.age[g] < 2 * p:
         find_information(R, work.V, x.info[g])
     for q in range(y.shape[0]):
@@ -94,6 +101,16 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     for j in range(x.sensitivity.shape[1]):
         correct(x.sensitivity[g, j], work.phi, x.step_back[j], work.K, work.e)
     x.age[g] += 1
+
+
+@compiled
+def weigh_sample(s: BankSettings, gate: float, work: BankWork) -> None:
+    """Find how much the sample counts in each member, ``work.weight``: 1, but in those that are held the gate."""
+    weight = max(gate, s.quiet)
+    root = math.sqrt(weight)
+    for m in range(work.weight.shape[0]):
+        work.weight[m] = 1.0 - s.held[m] * (1.0 - weight)
+        work.root_weight[m] = 1.0 - s.held[m] * (1.0 - root)
 
 
 @compiled

@@ -11,13 +11,15 @@ the information about coefficient j, which is that of what the others leave of i
     lambda_j = sum_k n sigma_k^2 V_jk^2 / V_jj
 
 is noise: of its own sensor, and of those that it follows, as a rudder does that answers the yaw rate. The prior of the
-member is no motion either. An effector that rests is all noise: no output answers it, so that its effect seems nothing
-and certain, while nothing has been learnt. The estimate is ``1 - lambda`` of the effect in the mean. So the bias is
+member is no motion either. The estimate is ``1 - lambda`` of the effect in the mean. So the bias is
 ``lambda / (1 - lambda)`` times an estimate that has an error of its own::
 
     se_j^2 (1 + (lambda / (1 - lambda))^2) + (b_j / (1 - lambda))^2 / 2
 
-How noisy the states are says `regressor_noise`, the deflections `bank_effector_noise`.
+How noisy the states are says `regressor_noise`, the deflections `bank_effector_noise`, as far as noise is white. An
+effector that rests is all noise of some colour: no output answers it, so that its effect seems nothing and certain,
+while nothing has been learnt. Until an output has once answered it beyond 5 standard errors, all that was seen of it
+counts for noise, and its effects are known to nobody (`doubt`).
 
 References
 ----------
@@ -37,6 +39,11 @@ ATTENUATED = 0.5
 """Share of the squared bias by noise in the states that counts: in full, 95 % of A's errors were within .9 to 1.4."""
 NOTICED = 1e-3
 """Share of the information about a coefficient from which noise in its regressor is looked at [1]."""
+ANSWERED = 25.0
+"""Squared standard errors by which an output must answer an effector once, for what it does to be motion.
+
+What is known to less than that is not known to a fifth of itself in any row.
+"""
 LEAST = 0.01
 """Least share of the information that is taken for motion: the error is at most a hundred times as large."""
 
@@ -85,8 +92,7 @@ def turned_part(s: BankSettings, x: BankState, q: int, i: int, m: int) -> float:
     source = s.turning[q + 1, i]
     if source == 0:
         return 0.0
-    mean = x.centre[x.group[q], abs(source), m]
-    return float(mean if source > 0 else -mean)
+    return float(s.turned[q + 1, i] * x.centre[x.group[q], source, m])
 
 
 @compiled
@@ -114,6 +120,22 @@ def motion_share(s: BankSettings, x: BankState, g: int, i: int, m: int, noise: f
     most = noise * (1.0 + math.sqrt(2.0 / max(x.taken[g, m], 1.0)))
     prior = s.prior[i, m] * s.prior[i, m] + x.kept_info[g, i]
     return float(max(1.0 - most - prior / x.info[g, i, m], LEAST))
+
+
+@compiled
+def doubt(s: BankSettings, x: BankState, i: int) -> float:
+    """By how much the squared errors about an effector are larger while no output has answered it; 1 otherwise [1]."""
+    resting = s.effectors_from < i <= s.effectors_to and x.answered[i - s.effectors_from - 1] == 0
+    return 1.0 / (LEAST * LEAST) if resting else 1.0
+
+
+@compiled
+def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares: Array) -> None:
+    """Note whether row q's output answers an effector for certain; of what `widen` made of its squared errors (p,)."""
+    for j in range(x.answered.shape[0]):
+        i = s.effectors_from + 1 + j
+        if ANSWERED * (squares[i] - bias[i]) < x.widened[q, i] * x.mixed[q, i] * x.mixed[q, i]:
+            x.answered[j] = 1
 
 
 @compiled

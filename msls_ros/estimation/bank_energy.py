@@ -84,9 +84,7 @@ def turned_output(s: BankSettings, phi: Array, q: int) -> float:
     for i in range(1, phi.shape[0]):
         source = s.turning[q + 1, i]
         if source > 0:
-            total += 0.5 * phi[source] * phi[i]
-        elif source < 0:
-            total -= 0.5 * phi[-source] * phi[i]
+            total += 0.5 * s.turned[q + 1, i] * phi[source] * phi[i]
     return total
 
 

@@ -93,6 +93,7 @@ class BankRegression:
         x.known[:] = x.info[0, :, 0]
         x.taken[0] = 4.0 * p
         x.age[0] = 4 * p
+        x.answered[:] = 1
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
         """Take samples until one alarms or all are taken; return how many, and what happened at each."""

@@ -85,7 +85,7 @@ def make_bank_settings(
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
     rates: Sequence[int] = (),
-    turning: Mapping[tuple[int, int], tuple[int, int]] | None = None,
+    turning: Mapping[tuple[int, int], tuple[int, float]] | None = None,
     surfaces: Sequence[Surface] = (),
     straddle: int = 0,
     detect: bool = True,
@@ -128,6 +128,7 @@ def make_bank_settings(
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
     late = max(1, round(LATE / period))
     third, slope_noise = _window_noise(straddle)
+    parts = turning or {}
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
         members=len(grid),
@@ -162,7 +163,10 @@ def make_bank_settings(
         place=min(period / PLACE, 1.0),
         rates=np.array(rates, np.int64) + 1,
         coupled=_coupled(rates, len(scale)),
-        turning=_turning(turning or {}, len(scale)),
+        turning=_by_regressor({place: source + 1.0 for place, (source, _) in parts.items()}, len(scale)).astype(
+            np.int64
+        ),
+        turned=_by_regressor({place: factor for place, (_, factor) in parts.items()}, len(scale)),
         quick=min(period / QUICK, 1.0),
         motion=min(period / (QUICK + straddle * period), 1.0),
         third=third,
@@ -212,11 +216,11 @@ def _coupled(rates: Sequence[int], p: int) -> Integers:
     return found
 
 
-def _turning(parts: Mapping[tuple[int, int], tuple[int, int]], p: int) -> Integers:
-    """Return `BankSettings.turning` of what `kinematics.find_rotation` says."""
-    found = np.zeros((p, p), np.int64)
-    for (own, by), (source, sign) in parts.items():
-        found[own + 1, by + 1] = sign * (source + 1)
+def _by_regressor(parts: Mapping[tuple[int, int], float], p: int) -> Array:
+    """Return (p, p), constant first, of what is given by row's own regressor and column, the constant last."""
+    found = np.zeros((p, p))
+    for (own, by), part in parts.items():
+        found[own + 1, by + 1] = part
     return found
 
 

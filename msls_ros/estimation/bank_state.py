@@ -78,8 +78,9 @@ class BankSettings(NamedTuple):
     coupled: Integers
     """(p, p) which of them, times a regressor, the equation of another one holds: see `inertial_square`; or -1."""
     turning: Integers
-    """(p, p) by row's own regressor: which regressor, times its sign, is the part of the derivative by a regressor that
-    is known and not in the estimates, for the body's axes turn; 0: none. See `kinematics.remove_rotation`."""
+    """(p, p) by row's own regressor: which regressor, times ``turned``, is the part of the derivative by a regressor
+    that is known and not in the estimates, for the body's axes turn; 0: none. See `kinematics.remove_rotation`."""
+    turned: Array
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     third: float
@@ -249,6 +250,8 @@ class BankState(NamedTuple):
     """(r,) median square of their third differences, of the size of their noise."""
     third_noise: Array
     """(c,) variance of the noise in the deflections."""
+    answered: Integers
+    """(c,) 1 once an output has answered the effector for certain, see `bank_attenuation`."""
     widened: Array
     """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
     pending: Integers
@@ -332,6 +335,9 @@ class BankWork(NamedTuple):
     root: Array
     """(m,) what the factors shrink by, as first their row 0."""
     first: Array
+    weight: Array
+    """(m,) weight of the sample in each member, and its root [1]."""
+    root_weight: Array
     loss: Array
     """(m,) share of the information that is forgotten [1]."""
     e: Array
@@ -432,6 +438,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         states=np.zeros((3, rows)),
         state_median=np.zeros(rows),
         third_noise=np.zeros(effectors),
+        answered=np.zeros(effectors, np.int64),
         widened=np.ones((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
@@ -466,12 +473,12 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     """Allocate the scratch."""
     p, m = s.prior.shape
     row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
-    c, t, left, root, first, loss, e = (np.zeros(m) for _ in range(7))
+    c, t, left, root, first, weight, root_weight, loss, e = (np.zeros(m) for _ in range(9))
     k = len(s.gains)
     change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
     return BankWork(
-        *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first, loss, e),
-        *(np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
+        *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first),
+        *(weight, root_weight, loss, e, np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
         *(np.zeros((rows, k)), np.zeros((rows, k)), np.zeros(p), np.zeros((p, p)), np.zeros((k, p))),
     )
 

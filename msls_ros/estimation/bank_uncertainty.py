@@ -47,7 +47,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_attenuation import attenuation, widen
+from msls_ros.estimation.bank_attenuation import attenuation, doubt, observe_answers, widen
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
 from msls_ros.estimation.bank_effector_noise import state_noise
 from msls_ros.estimation.bank_lags import (
@@ -218,7 +218,7 @@ def direct_squares(
         squares[i] += stays * stays
         squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
         if s.coupled[q + 1, i] >= 0:
-            squares[i] += inertial_square(turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
+            squares[i] += inertial_square(s, q, i, turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
     widen(s, x, q, leader, bias, squares)
     return True
 
@@ -248,14 +248,15 @@ def turn_from_mean(s: BankSettings, x: BankState, q: int, rate: int, m: int) -> 
 
 
 @compiled
-def inertial_square(turn: float) -> float:
+def inertial_square(s: BankSettings, q: int, i: int, turn: float) -> float:
     """Square by which a derivative of an angular acceleration by another rate may differ, the third off by ``turn``.
 
     Euler's equation of rate a holds ``c_a`` times the product of the two others: the derivative by one of them is
     ``c_a`` times the other. With principal moments of inertia no larger than the sum of the two others, each c is
-    within -1 and 1, of which a third is the mean square.
+    within -1 and 1, of which a third is the mean square; where most of it is known (`kinematics.GYROSCOPIC_PITCH`) it
+    is off by no more than that is from .5 and 1, or .2.
     """
-    return turn * turn / 3.0
+    return turn * turn * (0.04 if s.turning[q + 1, i] > 0 else 1.0 / 3.0)
 
 
 @compiled
@@ -297,7 +298,7 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
     other = s.coupled[q + 1, i]
     if other >= 0:
         place = s.velocities.shape[0] + other
-        known += inertial_square(x.place[place] - x.best_place[q, i, place])
+        known += inertial_square(s, q, i, x.place[place] - x.best_place[q, i, place])
     return float(known)
 
 
@@ -326,9 +327,11 @@ def keep_best(
             x.square_lately[1, q, i] = x.square_lately[0, q, i]
             x.square_lately[0, q, i] = 0.0
     begun = direct_squares(s, x, q, noise, products, bias, squares)
+    if begun:
+        observe_answers(s, x, q, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i)
-        x.square[q, i] = min(squares[i], carried)
+        x.square[q, i] = min(squares[i], carried) * doubt(s, x, i)
         moved = math.inf
         if begun:
             moved = (squares[i] - bias[i]) / x.widened[q, i]
@@ -375,9 +378,10 @@ def bank_errors(
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
     direct_squares(s, x, q, noise, products, bias, errors)
     for i in range(p):
-        source = abs(s.turning[q + 1, i])
-        measured = state_noise(s, x, source - 1, noise[source - 1]) if source > 0 else 0.0
-        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)) + measured)
+        source = s.turning[q + 1, i]
+        part = s.turned[q + 1, i]
+        measured = part * part * state_noise(s, x, source - 1, noise[source - 1]) if source > 0 else 0.0
+        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)) * doubt(s, x, i) + measured)
     for i in range(p):
         errors[(i + p - 1) % p] = bias[i]
     return residual

@@ -99,7 +99,7 @@ class Configuration:
 
     @property
     def known_rotation(self) -> bool:
-        """Whether ``-omega x v`` is known beside gravity: for the bank; the paper's method identifies it."""
+        """Whether `kinematics.remove_rotation` is known too: for the bank; the paper's method identifies it."""
         return self.known_gravity and self.estimator.method == "bank"
 
     @property

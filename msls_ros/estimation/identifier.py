@@ -97,8 +97,8 @@ class Identifier:
         self._defect = make_defect(len(c.rows), c.sample_rate)
         self._enabled = True
         self._followed = -1, -1
-        self._turned = -1, 0, 0.0
-        """What of it is known: state, its sign, and the value at the last sample; see `find_rotation`."""
+        self._turned = -1, 0.0, 0.0
+        """What of it is known: state, its factor, and the value at the last sample; see `find_rotation`."""
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
@@ -264,8 +264,8 @@ class Identifier:
             raise EstimationError(message)
         c = self.configuration
         self._followed = c.rows.index(row), self._regressors.index(column)
-        source, sign = (find_rotation(c.rows) if c.known_rotation else {}).get(self._followed, (-1, 0))
-        self._turned = int(self._kept[source]) if sign else -1, sign, 0.0
+        source, factor = (find_rotation(c.rows) if c.known_rotation else {}).get(self._followed, (-1, 0.0))
+        self._turned = int(self._kept[source]) if factor else -1, factor, 0.0
         self._follow()
 
     @property
@@ -385,11 +385,11 @@ class Identifier:
 
     def _with_known(self, followed: Array, x: Array) -> Array:
         """Return the estimate that is followed, (k,), with what is known of it at the states x, (k, n)."""
-        source, sign, _ = self._turned
-        if sign == 0:
+        source, factor, _ = self._turned
+        if factor == 0.0:
             return followed
-        known = sign * x[:, source]
-        self._turned = source, sign, float(known[-1])
+        known = factor * x[:, source]
+        self._turned = source, factor, float(known[-1])
         return followed + known
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:

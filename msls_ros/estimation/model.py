@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
 from msls_ros.estimation.bank_state import BankSettings, BankState
@@ -201,7 +202,7 @@ def fill_bank_model(
                 out.b_reliable[row, i - r] = reliable
                 if known:
                     best.b_best[row, i - r] = state.best[q, j]
-                    best.b_best_std[row, i - r] = math.sqrt(state.best_square[q, j])
+                    best.b_best_std[row, i - r] = math.sqrt(state.best_square[q, j] * doubt(s, state, j))
                     best.b_best_time[row, i - r] = state.best_time[q, j]
 
 

@@ -139,9 +139,9 @@ def _agreement(
             q, p = configuration.rows.index(row), names.index(column)
             value = float(known.value[i, j])
             if (q, p) in parts:
-                source, sign = parts[q, p]
+                source, factor = parts[q, p]
                 at = min(int(np.searchsorted(time, known.time[i, j])), len(time) - 1)
-                value -= sign * float(x[at, configuration.states.index(configuration.rows[source])])
+                value -= factor * float(x[at, configuration.states.index(configuration.rows[source])])
             off = abs(value - float(theta[p, q]))
             compared += 1
             inside += off <= _BAND * float(np.hypot(known.std[i, j], std[p, q]))

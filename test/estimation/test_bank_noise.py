@@ -59,6 +59,52 @@ def test_an_effector_that_only_its_sensor_moves_is_not_known_to_do_nothing() -> 
     assert last.b_std[0, 0] < 0.1 * EFFECT
 
 
+def test_slow_noise_of_an_effector_that_rests_teaches_nothing_either() -> None:
+    """Third differences do not see it; but no output has ever answered the effector."""
+    n = REST + 150
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    slow = np.zeros(n)
+    white = uniform(n, 1, 61)[:, 0]
+    for k in range(1, n):
+        slow[k] = 0.9 * slow[k - 1] + 0.002 * white[k]
+    x, delta = 0.25 * uniform(n, 3, 62), 0.125 * uniform(n, 2, 63)
+    delta[:, 0] = 0.0
+    delta[REST:, 0] += 0.1 * np.sin(6.0 * (time[REST:] - time[REST]))
+    xdot = 0.01 * uniform(n, 3, 64) - x
+    xdot[:, 0] += EFFECT * delta[:, 0]
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    read = delta + np.stack([slow, np.zeros(n)], axis=1)
+    identifier = Identifier(from_mapping(SMALL))
+    run = identifier.run(time, x, xdot, read)
+    resting = run.estimates[100:REST]
+    assert all(abs(e.b[0, 0]) < 0.25 * EFFECT for e in resting), "least squares says that it does nothing"
+    assert noise_of(identifier)[0] < 0.5 * slow.var()
+    assert all(abs(e.b[0, 0] - EFFECT) < 1.96 * e.b_std[0, 0] for e in resting)
+    assert not any(e.b_reliable[0, 0] for e in resting)
+    best = [e for e in resting if math.isfinite(e.b_best_std[0, 0])]
+    assert best and all(abs(e.b_best[0, 0] - EFFECT) < 1.96 * e.b_best_std[0, 0] for e in best)
+    last = run.estimates[-1]
+    assert last.b[0, 0] == pytest.approx(EFFECT, abs=1.96 * last.b_std[0, 0])
+    assert last.b_std[0, 0] < 0.1 * EFFECT and last.b_reliable[0, 0]
+    assert last.b_reliable[1, 1]
+
+
+def test_the_noise_of_a_quiet_minute_does_not_draw_what_was_learnt_to_nothing() -> None:
+    """The effectors follow the states, as in flight by hand: little is their own, and a minute of noise is as much."""
+    excited, n = 500, 3500
+    motion = np.where(np.arange(n) < excited, 1.0, 0.01)[:, None]
+    x = 0.25 * motion * uniform(n, 3, 71)
+    delta = 0.015 * motion * uniform(n, 2, 72) - 0.4 * x[:, :2]
+    xdot = 0.06 * uniform(n, 3, 73) - x
+    xdot[:, 0] += EFFECT * delta[:, 0]
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    read = delta + 0.0015 * uniform(n, 2, 74)
+    estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n), x, xdot, read, every=50).estimates
+    then, last = estimates[excited // 50 - 1], estimates[-1]
+    for i in range(2):
+        assert last.b[i, i] == pytest.approx(then.b[i, i], rel=0.05)
+
+
 def test_its_first_input_is_learnt_and_not_alarmed() -> None:
     _, run, _ = fly(0.002)
     assert not [v for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]

@@ -13,7 +13,14 @@ from msls_ros.estimation import Configuration, Estimate, EstimationError, Identi
 from msls_ros.estimation.bank_energy import turned_output
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.kinematics import FLIGHT_STATES, add_known, find_rotation, find_states
+from msls_ros.estimation.kinematics import (
+    FLIGHT_STATES,
+    GYROSCOPIC_PITCH,
+    add_known,
+    find_forces,
+    find_rotation,
+    find_states,
+)
 from msls_ros.inputs.model_file import read_model, start_from, write_model
 
 SPEED, PERIOD = 60.0, 0.02
@@ -45,6 +52,10 @@ def flight(n: int = 1000) -> tuple[Array, Array, Array, Array, Array]:
     return time, x, xdot, delta, forces
 
 
+def pitching(x: Array) -> float:
+    return float(GYROSCOPIC_PITCH * x[3] * x[5])
+
+
 def known(x: Array) -> tuple[Array, Array]:
     a, bias = np.zeros((9, 9)), np.zeros(9)
     add_known(x, find_states(FLIGHT_STATES), True, a, bias)
@@ -56,7 +67,7 @@ def test_what_is_taken_off_an_output_is_what_its_energy_is_counted_with() -> Non
     x = np.random.default_rng(1).uniform(-2.0, 2.0, 9)
     phi = np.concatenate([[1.0], x[:6], np.zeros(3)])
     turned = [turned_output(settings, phi, q) for q in range(6)]
-    np.testing.assert_allclose(turned, [*-np.cross(x[3:6], x[:3]), 0.0, 0.0, 0.0], atol=1e-14)
+    np.testing.assert_allclose(turned, [*-np.cross(x[3:6], x[:3]), 0.0, pitching(x), 0.0], atol=1e-14)
 
 
 def test_the_bank_follows_derivatives_that_go_with_the_motion_and_msls_cannot() -> None:
@@ -129,7 +140,10 @@ def refuse_what_does_not_say_where(identifier: Identifier, estimate: Estimate, p
 
 def test_rotation_is_known_of_the_states_that_there_are() -> None:
     assert find_rotation(("u", "w", "Q")) == {(0, 1): (2, -1), (0, 2): (1, -1), (1, 0): (2, 1), (1, 2): (0, 1)}
-    assert find_rotation(("P", "Q", "R")) == {}
+    assert find_rotation(("P", "Q", "R")) == {(1, 0): (2, GYROSCOPIC_PITCH), (1, 2): (0, GYROSCOPIC_PITCH)}
+    assert find_rotation(("P", "R")) == {}
+    assert find_forces(("u", "P", "Q", "R"), True).tolist() == [0, -1, -1, 2]
+    assert find_forces(("u", "P", "Q"), True).tolist() == [0, -1, -1, -1]
     assert configuration().known_rotation
     assert not configuration("msls").known_rotation
     assert not configuration().replace({"known_gravity": False}).known_rotation

@@ -17,7 +17,14 @@ import pytest
 from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier, Regression, from_mapping
 from msls_ros.estimation.compiled import HAVE_NUMBA, compiled
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.kinematics import FLIGHT_STATES, GRAVITY, add_known, find_known, find_states
+from msls_ros.estimation.kinematics import (
+    FLIGHT_STATES,
+    GRAVITY,
+    GYROSCOPIC_PITCH,
+    add_known,
+    find_known,
+    find_states,
+)
 from msls_ros.estimation.uncertainty import row_uncertainty
 
 SMALL: dict[str, Any] = {
@@ -154,7 +161,7 @@ def test_colours_weigh_one_and_errors_are_infinite_before_data(mode: str) -> Non
 
 
 def rates(x: Array, turning: bool) -> Array:
-    """Return what is known of the derivatives of the states of flight: gravity, rotation, Euler angles."""
+    """Return what is known of the derivatives of the states of flight: gravity, rotation, pitching, Euler angles."""
     _, _, _, p, q, r, phi, theta, _ = x
     turned = -np.cross(x[3:6], x[:3]) if turning else np.zeros(3)
     turn = q * math.sin(phi) + r * math.cos(phi)
@@ -164,7 +171,7 @@ def rates(x: Array, turning: bool) -> Array:
             turned[1] + GRAVITY * math.sin(phi) * math.cos(theta),
             turned[2] + GRAVITY * math.cos(phi) * math.cos(theta),
             0.0,
-            0.0,
+            GYROSCOPIC_PITCH * p * r if turning else 0.0,
             0.0,
             p + math.tan(theta) * turn,
             q * math.cos(phi) - r * math.sin(phi),
