@@ -10,8 +10,8 @@ first, sigma the bank's unit of each regressor)::
     [ R              ]     Givens    [ R' ]
     [ eps prior row  ]   -------->   [ 0  ]                           one row of the prior in turn: no wind-up
     [ R'     | 0 ]         Givens    [ R'' | z ]
-    [ w phi  | 1 ]       -------->   [ 0   | s ]                      eq 10; s = 1/sqrt(1 + w^2 phi' (R'R)^-1 phi)
-    R'' K = z,   theta_q += K w e_q                                   eqs 9 and 11, for every row q of the group
+    [ w phi  | w ]       -------->   [ 0   | s ]                      eq 10; s = w/sqrt(1 + w^2 phi' (R'R)^-1 phi)
+    R'' K = z,   theta_q += K e_q                                     eqs 9 and 11, for every row q of the group
 
 ``lambda = exp(-dt/tau)``, w = 1. A *held* member counts its memory in excited seconds: the share g of the present
 energy of the outputs in the energy that is remembered (`bank_energy`) multiplies ``1 - lambda``, and is the weight of
@@ -77,6 +77,8 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
         for m in range(members):
             work.root[m] = 1.0
             work.first[m] = 1.0
+    for m in range(members):
+        work.left[m] = work.root_weight[m]
     for i in range(p):
         for m in range(members):
             work.row[i, m] = work.root_weight[m] * work.phi[i]
@@ -85,14 +87,10 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     log = x.log[g]
     for m in range(members):
         square = work.left[m] * work.left[m]
-        deviation[m] = math.sqrt(square * work.weight[m] / (1.0 - square * (1.0 - work.weight[m])))
+        deviation[m] = math.sqrt(square / (1.0 - (1.0 - work.weight[m]) * square / work.weight[m]))
     for m in range(members):
         log[m] = -2.0 * logarithm(deviation[m])
     solve_gains(R, work.z, work.K)
-    for i in range(p):
-        gain = work.K[i]
-        for m in range(members):
-            gain[m] *= work.root_weight[m]
     if x.samples[0] % REFRESH == 0 or x.age[g] < 2 * p:
         find_information(R, work.V, x.info[g])
     for q in range(y.shape[0]):
@@ -128,7 +126,7 @@ def prepare_forgetting(s: BankSettings, R: Array, age: int, gate: float, work: B
 
 @compiled
 def rotate(R: Array, work: BankWork, start: int) -> None:
-    """Shrink the factors and rotate the rows ``work.row`` into them (eq 10), right-hand side ``[0; 1]``.
+    """Shrink the factors and rotate the rows ``work.row`` into them (eq 10), right-hand side ``[0; work.left]``.
 
     Parameters
     ----------
@@ -136,7 +134,7 @@ def rotate(R: Array, work: BankWork, start: int) -> None:
         (p, p, m) upper triangular; updated.
     work
         ``row`` (p, m), zero before ``start``, is destroyed; ``z`` (p, m) becomes the right-hand side of R, ``left``
-        (m,) what is left of the 1.
+        (m,) what is left of its own.
     start
         First element of the rows that is not zero.
     """
@@ -145,8 +143,6 @@ def rotate(R: Array, work: BankWork, start: int) -> None:
     c = work.c
     t = work.t
     left = work.left
-    for m in range(members):
-        left[m] = 1.0
     for j in range(p):
         shrink = work.first if j == 0 else work.root
         if j < start:

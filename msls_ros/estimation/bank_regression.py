@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from msls_ros.estimation.bank_isolation import Losses
-from msls_ros.estimation.bank_losses import compare_surfaces
+from msls_ros.estimation.bank_losses import KNOWN, compare_surfaces
 from msls_ros.estimation.bank_restoring import restore_effectors
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
@@ -181,9 +181,9 @@ class BankRegression:
         work.concerned[:] = 0
         work.concerned[list(rows)] = 1
         s = self.settings
-        compare_surfaces(s, x, 0, x.theta_before, x.square_before, work)
+        compare_surfaces(s, x, 0, x.theta_before, x.square_before, KNOWN, work)
         quick, chance = work.change.copy(), work.variance.copy()
-        excess = float(compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, work))
+        excess = float(compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, work))
         apart = np.maximum(np.square(work.change - quick) - chance, 0.0)  # none where the quick one knows nothing
         return Losses(
             work.change.tolist(),

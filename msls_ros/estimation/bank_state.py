@@ -357,6 +357,8 @@ class BankWork(NamedTuple):
     """(r, k)"""
     information: Array
     """(r, k) about the change, by row."""
+    reference: Array
+    """(r, k) squared relative errors of what it is compared with [1]."""
     difference: Array
     """(p,) of its estimates from older ones."""
     factor: Array
@@ -479,7 +481,14 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     return BankWork(
         *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first),
         *(weight, root_weight, loss, e, np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
-        *(np.zeros((rows, k)), np.zeros((rows, k)), np.zeros(p), np.zeros((p, p)), np.zeros((k, p))),
+        *(
+            np.zeros((rows, k)),
+            np.zeros((rows, k)),
+            np.zeros((rows, k)),
+            np.zeros(p),
+            np.zeros((p, p)),
+            np.zeros((k, p)),
+        ),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
@@ -9,7 +11,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
 from msls_ros.estimation.bank_forgetting import forget_direction
 from msls_ros.estimation.bank_isolation import Losses, find_name
-from msls_ros.estimation.bank_losses import compare_surfaces
+from msls_ros.estimation.bank_losses import KNOWN, KNOWN_WELL, TOLERANCE, compare_surfaces
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.surfaces import read_surfaces
@@ -122,7 +124,7 @@ def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     before = x.mixed.copy()
     before[row, column] *= 1.25
     work.concerned[:] = [1, 0, 0]
-    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), work)
+    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, work)
     R = x.R[0, 1:, 1:, member]
     a = np.zeros(5)
     a[column - 1] = before[row, column]
@@ -130,3 +132,22 @@ def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     expected = a @ R.T @ R @ difference / (a @ R.T @ R @ a)
     assert work.change[0] == pytest.approx(expected, rel=1e-9)
     assert work.change[0] == pytest.approx(-0.2, abs=0.1)
+
+
+def test_an_error_of_the_reference_is_an_error_of_what_is_left_in_proportion() -> None:
+    """Of half an effect, half of it."""
+    identifier = Identifier(from_mapping(SMALL))
+    identifier.run(*noisy(100, n=240))
+    engine = engine_of(identifier)
+    s, x, work = engine.settings, engine.state, engine._work
+    relative, row, column = 0.2, 0, 4
+    for part in (1.0, 2.0, 5.0):
+        before = x.mixed.copy()
+        before[row, column] *= part
+        work.concerned[:] = [1, 0, 0]
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN, work)
+        noise = 0.5 / work.information[0, 0] + TOLERANCE**2
+        assert work.change[0] == pytest.approx(1.0 / part - 1.0, abs=0.1)
+        assert math.sqrt(work.variance[0] - noise) == pytest.approx(relative * (1.0 + work.change[0]), rel=1e-9)
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN_WELL, work)
+        assert work.variance[0] == math.inf, "what is known to a fifth does not alarm"

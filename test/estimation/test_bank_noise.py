@@ -92,6 +92,7 @@ def test_slow_noise_of_an_effector_that_rests_teaches_nothing_either() -> None:
 def test_the_noise_of_a_quiet_minute_does_not_draw_what_was_learnt_to_nothing() -> None:
     """The effectors follow the states, as in flight by hand: little is their own, and a minute of noise is as much."""
     excited, n = 500, 3500
+    time: Array = PERIOD * np.arange(n, dtype=np.float64)
     motion = np.where(np.arange(n) < excited, 1.0, 0.01)[:, None]
     x = 0.25 * motion * uniform(n, 3, 71)
     delta = 0.015 * motion * uniform(n, 2, 72) - 0.4 * x[:, :2]
@@ -99,7 +100,7 @@ def test_the_noise_of_a_quiet_minute_does_not_draw_what_was_learnt_to_nothing() 
     xdot[:, 0] += EFFECT * delta[:, 0]
     xdot[:, 1] += -4.0 * delta[:, 1]
     read = delta + 0.0015 * uniform(n, 2, 74)
-    estimates = Identifier(from_mapping(SMALL)).run(PERIOD * np.arange(n), x, xdot, read, every=50).estimates
+    estimates = Identifier(from_mapping(SMALL)).run(time, x, xdot, read, every=50).estimates
     then, last = estimates[excited // 50 - 1], estimates[-1]
     for i in range(2):
         assert last.b[i, i] == pytest.approx(then.b[i, i], rel=0.05)
