@@ -66,6 +66,8 @@ def restore_group(s: BankSettings, x: BankState, g: int, k: int, work: BankWork)
         for i in range(work.phi.shape[0]):
             for m in range(work.root.shape[0]):
                 work.row[i, m] = work.phi[i]
+        for m in range(work.left.shape[0]):
+            work.left[m] = 1.0
         rotate(x.R[g], work, 0)
         solve_gains(x.R[g], work.z, work.K)
         for q in range(x.group.shape[0]):
