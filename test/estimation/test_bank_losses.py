@@ -149,5 +149,5 @@ def test_an_error_of_the_reference_is_an_error_of_what_is_left_in_proportion() -
         noise = 0.5 / work.information[0, 0] + TOLERANCE**2
         assert work.change[0] == pytest.approx(1.0 / part - 1.0, abs=0.1)
         assert math.sqrt(work.variance[0] - noise) == pytest.approx(relative * (1.0 + work.change[0]), rel=1e-9)
-        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN_WELL, work)
-        assert work.variance[0] == math.inf, "what is known to a fifth does not alarm"
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(0.25 * before), KNOWN_WELL, work)
+        assert work.variance[0] == math.inf, "what is known to a quarter does not alarm"
