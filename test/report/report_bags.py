@@ -25,7 +25,7 @@ SENSITIVE = Configuration().replace({"detector.floor_relative": 0.05})
 GRAVITY = 9.80665
 
 
-def simulate(seed: int = 0) -> tuple[Any, Any, Any, Any, Any]:
+def simulate(seed: int = 1) -> tuple[Any, Any, Any, Any, Any]:
     """Return time, x, xdot, delta (k each) and the true B of each sample (k, 9, 7)."""
     random = np.random.default_rng(seed)
     count = round(SECONDS * 50) + 1
