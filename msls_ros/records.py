@@ -38,6 +38,8 @@ MODEL_NUMBERS = (
     "excitation",
     "residual_std",
     "forgetting_factor",
+    "delay",
+    "delay_std",
     "samples",
 )
 """Fields of a model that change from one to the next; they have the same names in `Estimate` and the message."""

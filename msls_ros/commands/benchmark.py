@@ -1,4 +1,4 @@
-"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, bars."""
+"""`benchmark`: Compare with C, peers, a relay, the truth: update, stream, replay, latency, damage, laws, errors."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from msls_ros.plant import NOISE_LEVELS
 
 CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
 """Suites of `benchmarks.control`."""
+PARTS = ("f16", "flight_test")
+"""Parts of `benchmarks.accuracy`."""
 ROOT = Path(__file__).resolve().parents[2]
 FAULTS = ("bags", "messages", "nodes", "kills", "disks", "network", "soak")
 FAULT_SIZES = (
@@ -74,7 +76,15 @@ def parser() -> argparse.ArgumentParser:
     calibration.add_argument(
         "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
     )
-    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration):
+    accuracy = commands.add_parser("accuracy", help="errors beside MSLS and RLS, batch and the truth, on all beds")
+    accuracy.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: both)")
+    accuracy.add_argument("--others", action="store_true", help="thirteen other aircraft in flight test, instead")
+    accuracy.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+    accuracy.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+    accuracy.add_argument(
+        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+    )
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -90,6 +100,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
     measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
+    measures["accuracy"] = _accuracy
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -149,6 +160,16 @@ def _calibration(arguments: argparse.Namespace) -> Any:
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     method, others = arguments.method or "", arguments.others
     result = module.measure(seeds, arguments.quick, arguments.folder, _say, method, others=others)
+    if not arguments.json:
+        print(module.render(result))
+    return result
+
+
+def _accuracy(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.accuracy")
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    parts = ["flight_test"] if arguments.others else arguments.part
+    result = module.measure(seeds, arguments.folder, _say, parts, others=arguments.others)
     if not arguments.json:
         print(module.render(result))
     return result

@@ -56,8 +56,8 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     """Take the sample of ``work.phi`` and y (r,) into all members of group g: factors, then estimates of its rows."""
     p, members = work.row.shape
     R = x.R[g]
-    prepare_forgetting(s, R, x.age[g], x.shared_gate[g], work)
-    weigh_sample(s, x.shared_gate[g], work)
+    prepare_forgetting(s, R, x.age[g], x.axis_gate[g], work)
+    weigh_sample(s, x.axis_gate[g], work)
     count = x.taken[g]
     for m in range(members):
         count[m] = (1.0 - work.loss[m]) * count[m] + work.weight[m]
@@ -102,21 +102,19 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
 
 
 @compiled
-def weigh_sample(s: BankSettings, gate: float, work: BankWork) -> None:
-    """Find how much the sample counts in each member, ``work.weight``: 1, but in those that are held the gate."""
-    weight = max(gate, s.quiet)
-    root = math.sqrt(weight)
+def weigh_sample(s: BankSettings, gates: Array, work: BankWork) -> None:
+    """Find how much the sample counts in each member, ``work.weight``: 1, but in those that are held their gate."""
     for m in range(work.weight.shape[0]):
-        work.weight[m] = 1.0 - s.held[m] * (1.0 - weight)
-        work.root_weight[m] = 1.0 - s.held[m] * (1.0 - root)
+        work.weight[m] = 1.0 - s.held[m] * (1.0 - max(gates[s.axis[m]], s.quiet))
+        work.root_weight[m] = math.sqrt(work.weight[m])
 
 
 @compiled
-def prepare_forgetting(s: BankSettings, R: Array, age: int, gate: float, work: BankWork) -> None:
+def prepare_forgetting(s: BankSettings, R: Array, age: int, gates: Array, work: BankWork) -> None:
     """Find by what the rows of the factors shrink before the sample: ``work.root``, and ``work.first`` for row 0."""
     for m in range(work.root.shape[0]):
         rate = 1.0 - s.forgetting[m]
-        rate *= 1.0 - s.held[m] * (1.0 - gate)
+        rate *= 1.0 - s.held[m] * (1.0 - gates[s.axis[m]])
         walk = s.drift[m] * R[0, 0, m]
         root = math.sqrt(1.0 - rate) if age > 0 else 1.0
         work.loss[m] = rate

@@ -28,7 +28,7 @@ from msls_ros.estimation.compiled import compiled
 def observe_batches(s: BankSettings, x: BankState, q: int, leader: int, samples: int) -> None:
     """Update what row q's estimates have moved by, batch by batch, ``samples`` after the last call."""
     g = x.group[q]
-    loss = (1.0 - s.forgetting[leader]) * (1.0 - s.held[leader] * (1.0 - x.shared_gate[g]))
+    loss = (1.0 - s.forgetting[leader]) * (1.0 - s.held[leader] * (1.0 - x.axis_gate[g, s.axis[leader]]))
     for k in range(s.batches.shape[0]):
         x.batch_kept[k, q] *= max(1.0 - loss * samples, 0.0)
         number = x.samples[0] // s.batches[k]

@@ -71,6 +71,7 @@ def sense_bank(
     """
     any_alarm = False
     group = -1
+    axis = -1
     novelty = observe_novelty(s, x, phi)
     expected = 1.0
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
@@ -86,9 +87,10 @@ def sense_bank(
         e[q] = last
         statistic[q] = 0.0
         alarm[q] = 0
-        if x.group[q] != group:
+        if x.group[q] != group or s.row_axis[q] != axis:
             group = x.group[q]
-            expected = (1.0 + uncertainty_of(x.R[group], s.reference, phi, row)) * novelty
+            axis = s.row_axis[q]
+            expected = (1.0 + uncertainty_of(x.R[group], s.reference[s.row_axis[q]], phi, row)) * novelty
         if x.age[group] > 2 * phi.shape[0]:
             observe_answer(s, x, q, phi, last, expected)
         if not s.detect:

@@ -104,10 +104,11 @@ def observe_energy(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
             x.remembered[q] += s.energy[3] * (now - x.remembered[q])
         x.gate[q] = gate
     for g in range(x.age.shape[0]):
-        total = 0.0
-        rows = 0
-        for q in range(y.shape[0]):
-            if x.group[q] == g:
-                total += x.gate[q]
-                rows += 1
-        x.shared_gate[g] = total / rows if rows > 0 else 1.0
+        for a in range(x.axis_gate.shape[1]):
+            total = 0.0
+            rows = 0
+            for q in range(y.shape[0]):
+                if x.group[q] == g and s.row_axis[q] == a:
+                    total += x.gate[q]
+                    rows += 1
+            x.axis_gate[g, a] = total / rows if rows > 0 else 1.0

@@ -129,7 +129,8 @@ def copy_group(x: BankState, g: int, target: int) -> None:
     for i in range(x.kept_info.shape[1]):
         x.kept_info[target, i] = x.kept_info[g, i]
     x.age[target] = x.age[g]
-    x.shared_gate[target] = x.shared_gate[g]
+    for a in range(x.axis_gate.shape[1]):
+        x.axis_gate[target, a] = x.axis_gate[g, a]
     x.waiting[target] = x.waiting[g]
 
 

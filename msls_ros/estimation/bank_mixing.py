@@ -112,12 +112,14 @@ def weigh(s: BankSettings, x: BankState, q: int, exponent: Array) -> None:
     """
     best = -math.inf
     for m in range(s.members):
+        if s.mixes[q, m] == 0.0:
+            continue
         squares = (x.evidence[q, 0, m] + TINY) * (x.evidence[q, 1, m] + TINY)
         exponent[m] = -0.5 * s.power * (x.judged[q] * logarithm(squares) + 2.0 * x.evidence[q, 2, m])
         best = max(best, exponent[m])
     total = 0.0
     for m in range(s.members):
-        lag = exponent[m] - best
+        lag = exponent[m] - best if s.mixes[q, m] > 0.0 else NOTHING
         x.weight[q, m] = exponential(lag) if lag > NOTHING else 0.0
         total += x.weight[q, m]
     for m in range(s.members):
@@ -125,10 +127,12 @@ def weigh(s: BankSettings, x: BankState, q: int, exponent: Array) -> None:
 
 
 @compiled
-def find_sharpest(x: BankState, q: int) -> None:
+def find_sharpest(s: BankSettings, x: BankState, q: int) -> None:
     """Find the member of row q with the most evidence from one-step predictions alone."""
     least = math.inf
-    for m in range(x.weight.shape[1]):
+    for m in range(s.members):
+        if s.mixes[q, m] == 0.0:
+            continue
         surprise = x.judged[q] * logarithm(x.evidence[q, 0, m] + TINY) + x.evidence[q, 2, m]
         if surprise < least:
             least = surprise

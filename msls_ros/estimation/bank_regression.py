@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -129,6 +130,13 @@ class BankRegression:
     def covariance(self) -> Array:
         """(p, p) of the estimates over the residual variance, of the first row: that of the member that leads there."""
         return self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+
+    @property
+    def delay(self) -> tuple[float, float]:
+        """Of responses after deflections, that was found and taken out, and its standard error [s]."""
+        s, x = self.settings, self.state
+        share = s.late_part if x.delay[1] == 0.0 else math.sqrt(x.delay[1])
+        return float(x.delay[0]) * s.period, share * s.late * s.period
 
     @property
     def samples(self) -> int:

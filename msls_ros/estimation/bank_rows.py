@@ -133,7 +133,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: Ban
         if turn % WEIGH == 0 or young:
             weigh(s, x, q, work.e)
         if turn % SHARPEN == 0 or young:
-            find_sharpest(x, q)
+            find_sharpest(s, x, q)
         mix(x, q, y[q], work.phi, work.e)
         if turn % KEEP == 0:
             keep_best(s, x, q, noise, work.e, work.w, work.squares)

@@ -17,8 +17,10 @@ PRIORS = (10.0, 300.0, 1e5)
 """Widths pi of the priors: ``R = diag(sigma/pi)``. Narrow ones hold back what a few noisy samples would say."""
 DRIFTS = (0.1, 1.0, 10.0)
 """Walks kappa of the constant, per sample at `DRIFT_RATE`, over the standard deviation of the residual."""
-HELD_PRIORS = (10.0, 1e4)
-HELD_DRIFTS = (0.0, 0.1, 1.0)
+LATERAL = ("v", "P", "R")
+"""Rows that are excited together, as all others are."""
+FREE, APART = 0, -1
+"""Kinds of members: with a share in every row; with none, for losses alone. From 1 on: held, by axis."""
 DRIFT_RATE = 50.0
 """Sample rate at which kappa is quoted [Hz]."""
 SIGMA = 0.01
@@ -31,7 +33,7 @@ JUDGING = 1.0
 DELAY = 0.5
 """Of the delayed predictions [s]: several times the correlation time of the noise of real sensors."""
 POWER, POWER_RATE = 0.3, 50.0
-QUIET = 0.005
+QUIET = 0.001
 """Least weight of a sample in the evidence."""
 ENERGY = (5.0, 0.5, 20.0, 0.5)
 """Memories of the outputs' mean, their present energy, the energy remembered, and its rise [s]."""
@@ -71,10 +73,17 @@ PLACE = 0.5
 """Memory of the mean velocities [s]."""
 
 
-def bank_grid(memories: Sequence[float], held: Sequence[float]) -> list[tuple[float, float, float, int]]:
-    """Return memory [s], prior width, drift and whether it is held, of every member."""
-    free = [(tau, pi, kappa, 0) for tau in memories for pi in PRIORS for kappa in DRIFTS]
-    return free + [(tau, pi, kappa, 1) for tau in held for pi in HELD_PRIORS for kappa in HELD_DRIFTS]
+def bank_grid(memories: Sequence[float], held: Sequence[float], axes: int = 1) -> list[tuple[float, float, float, int]]:
+    """Return memory [s], prior width, drift and kind of every member: `FREE`, `APART`, or 1 + the axis it is held by.
+
+    Held ones need one prior only, the narrow one (F-16, wide ones: .63 instead of .54 of the better peer), and a
+    constant that walks: .1 and 1, and 10 for the shortest memory (without it A is covered in .87 in the second after an
+    alarm, with it in .93; with constants that stay Q by the elevator is lost by .08 in a flight test, without by .06).
+    """
+    free = [(tau, pi, kappa, FREE) for tau in memories for pi in PRIORS for kappa in DRIFTS]
+    walks = [(tau, kappa) for tau in held for kappa in (DRIFTS if tau == min(held) else DRIFTS[:-1])]
+    kept = [(tau, PRIORS[0], kappa, 1 + axis) for axis in range(axes) for tau, kappa in walks]
+    return free + kept + [(tau, PRIORS[-1], 1.0, APART) for tau, _ in LOSSES if tau not in memories]
 
 
 def make_bank_settings(
@@ -82,6 +91,7 @@ def make_bank_settings(
     period: float,
     grid: Sequence[tuple[float, float, float, int]],
     *,
+    axes: Sequence[int] | None = None,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
     rates: Sequence[int] = (),
@@ -101,6 +111,8 @@ def make_bank_settings(
         Of the samples [s].
     grid
         Members, see `bank_grid`.
+    axes
+        Of the rows: 0, or 1 for the other one; None: all 0.
     effectors
         First and after the last effector among the regressors.
     straddle
@@ -120,20 +132,27 @@ def make_bank_settings(
         Of the detector.
     """
     whole = [*grid, *[grid[-1]] * (-len(grid) % LANES)]
-    tau, pi, kappa, held = (np.array(column, dtype=np.float64) for column in zip(*whole, strict=True))
+    tau, pi, kappa, kind = (np.array(column, dtype=np.float64) for column in zip(*whole, strict=True))
     sigma = np.concatenate([[0.0], SIGMA * scale[:-1]])
     prior = sigma[:, None] / pi[None, :]
     prior[0] = 1.0 / np.maximum(pi, CONSTANT_PRIOR)
-    widest = [(t, -k, p) for t, p, k, _ in grid]
+    row_axis = np.zeros(len(scale), np.int64) if axes is None else np.array(axes, np.int64)
+    axis = np.maximum(kind - 1, 0).astype(np.int64)
+    mixes = (kind == FREE) | ((kind > FREE) & (axis == row_axis[:, None]))
+    mixes[:, len(grid) :] = False
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
     late = max(1, round(LATE / period))
     third, slope_noise = _window_noise(straddle)
     parts = turning or {}
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
+        period=period,
         members=len(grid),
         forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
-        held=held.astype(np.int64),
+        held=(kind > FREE).astype(np.int64),
+        axis=axis,
+        row_axis=row_axis,
+        mixes=mixes.astype(np.float64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),
         prior=prior,
         sigma=sigma,
@@ -154,7 +173,7 @@ def make_bank_settings(
         colour_forgetting=math.exp(-period / COLOUR_MEMORY),
         effectors_from=effectors[0],
         effectors_to=effectors[1],
-        reference=widest.index(max(widest)),
+        reference=np.array([_widest(grid, 1 + of) for of in (0, 1)], np.int64),
         recent=near[-1],
         learning=round(LEARNING / period) + WINDOWS[-1],
         straddle=straddle,
@@ -225,17 +244,27 @@ def _by_regressor(parts: Mapping[tuple[int, int], float], p: int) -> Array:
 
 
 def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float) -> int:
-    """Return the freest member of about that memory [s]."""
-    return min(range(len(grid)), key=lambda m: (abs(grid[m][0] - memory), -grid[m][1], abs(grid[m][2] - 1.0)))
+    """Return the freest member of about that memory [s], of those that are not held if there are any."""
+    far = [(kind > FREE, abs(tau - memory), -pi, abs(kappa - 1.0)) for tau, pi, kappa, kind in grid]
+    return far.index(min(far))
+
+
+def _widest(grid: Sequence[tuple[float, float, float, int]], kind: int) -> int:
+    """Return the member of the longest memory and the widest prior, of that kind if there is one."""
+    width = [(of == kind, tau, -kappa, pi) for tau, pi, kappa, of in grid]
+    return width.index(max(width))
 
 
 def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
     """Translate the parameters, and over how many samples the inputs were smoothed, into what the loop takes."""
+    axes = [int(name in LATERAL) for name in c.rows]
+    axes = axes if len(set(axes)) > 1 else [0] * len(axes)
     scale = np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors])
     return make_bank_settings(
         scale,
         1.0 / c.sample_rate,
-        bank_grid(c.estimator.memories, c.estimator.held_memories),
+        bank_grid(c.estimator.memories, c.estimator.held_memories, 1 + max(axes)),
+        axes=axes,
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),

@@ -18,12 +18,20 @@ from msls_ros.estimation.kernel import Array, Integers
 class BankSettings(NamedTuple):
     """What the loop needs to know; p regressors, m members, w windows."""
 
+    period: float
+    """Of the samples [s]."""
     members: int
     """How many there are; arrays of m hold the last one again, with no share, to the end of a vector."""
     forgetting: Array
     """(m,) lambda of each member, per sample [1]."""
     held: Integers
     """(m,) 1 where forgetting goes with what is learnt."""
+    axis: Integers
+    """(m,) of which axis' outputs, where it does."""
+    row_axis: Integers
+    """(r,) axis of each row: 0 longitudinal, 1 lateral."""
+    mixes: Array
+    """(r, m) 1 where a member has a share in a row: the free ones, and those held by the row's axis."""
     drift: Array
     """(m,) kappa: walk of the constant per sample over the residual's standard deviation [1]."""
     prior: Array
@@ -59,8 +67,8 @@ class BankSettings(NamedTuple):
     effectors_from: int
     """Index of the first effector among the regressors, the constant last."""
     effectors_to: int
-    reference: int
-    """Member whose information counts as knowledge: the longest memory, the widest prior."""
+    reference: Integers
+    """(2,) member whose information counts as knowledge, by axis: the longest memory, the widest prior."""
     recent: int
     """Member whose information counts as excitation."""
     learning: int
@@ -170,8 +178,8 @@ class BankState(NamedTuple):
     """(p,) energy of their steps that is remembered."""
     gate: Array
     """(r,) present over remembered energy, at most 1."""
-    shared_gate: Array
-    """(g,) the mean over the rows of the group."""
+    axis_gate: Array
+    """(g, 2) the mean over the rows of the group by axis; 1 where it has none."""
     ring: Array
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
@@ -400,7 +408,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         phi_last=np.zeros(p),
         step_remembered=np.zeros(p),
         gate=np.zeros(rows),
-        shared_gate=np.zeros(groups),
+        axis_gate=np.ones((groups, 2)),
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
         smaller=np.zeros((rows, w)),
@@ -496,7 +504,8 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     """Start anew: nothing known, estimates zero, all rows in group 0."""
     for array in x:
         array[...] = 0
-    x.weight[:, : s.members] = 1.0 / s.members
+    mixes = s.mixes[: len(x.weight)]
+    x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
     x.known[:] = 1.0
     x.widened[:] = 1.0
     x.e[:] = math.nan
@@ -519,7 +528,8 @@ def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
             for m in range(s.forgetting.shape[0]):
                 x.sensitivity[g, j, i, m] = 0.0
     x.age[g] = 0
-    x.shared_gate[g] = 1.0
+    for a in range(x.axis_gate.shape[1]):
+        x.axis_gate[g, a] = 1.0
 
 
 @compiled

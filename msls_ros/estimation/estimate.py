@@ -80,6 +80,11 @@ class Estimate:
     """(n,) [state per second]; NaN where the equation is known."""
     forgetting_factor: Array
     """(n,) lambda per equation [1]; NaN where the equation is known."""
+    delay: float
+    """By how much responses come after deflections, as found in flight: A and B hold for the deflections of so long
+    ago [s]."""
+    delay_std: float
+    """Its standard error [s]; NaN where none is looked for (msls, rls)."""
     samples: int
     """Samples used since the last reset."""
     prediction_error: Array

@@ -408,6 +408,7 @@ class Identifier:
         """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
         c = self.configuration
         model, best, forgetting = self._assembly.build(np.ascontiguousarray(x, np.float64))
+        delay, delay_std = self._regression.delay
         return Estimate(
             time=time,
             states=c.states,
@@ -430,6 +431,8 @@ class Identifier:
             excitation=model.excitation,
             residual_std=model.residual_std,
             forgetting_factor=forgetting,
+            delay=delay,
+            delay_std=delay_std,
             samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -217,6 +218,11 @@ class Regression:
         """(p, p) of the estimates over the residual variance, of the rows that share one."""
         found: Array = self.state.P[0, 0]
         return found
+
+    @property
+    def delay(self) -> tuple[float, float]:
+        """Of responses after deflections [s], and its standard error, NaN: none is looked for."""
+        return 0.0, math.nan
 
     @property
     def samples(self) -> int:

@@ -59,10 +59,10 @@ class EstimatorParameters:
         in_flight=False,
     )
     memories: tuple[float, ...] = parameter(
-        (0.1, 0.4, 1.5), "bank: memories that forget with time", unit="s", low=1e-3, high=1e4, in_flight=False
+        (0.1, 0.4), "bank: memories that forget with time", unit="s", low=1e-3, high=1e4, in_flight=False
     )
     held_memories: tuple[float, ...] = parameter(
-        (5.0, 30.0), "bank: memories that forget with excitation", unit="s", low=1e-3, high=1e5, in_flight=False
+        (1.5, 5.0, 30.0), "bank: memories that forget with excitation", unit="s", low=1e-3, high=1e5, in_flight=False
     )
     forgetting_factor: float = parameter(
         0.9, "msls, rls: lambda, per sample; R is scaled by its square root", low=0.01, high=1.0

@@ -26,11 +26,9 @@ SMALL: dict[str, Any] = {
     "effectors": ("da", "de"),
     "known_gravity": False,
     "estimator.method": "bank",
-    "estimator.memories": (0.1, 1.5),
-    "estimator.held_memories": (5.0,),
     "dither.bandwidth": 2.0,
 }
-PINNED = "40c2c6073b7b6636904a96cfee013711"
+PINNED = "817104d8cbd190de7f843a63c43502d4"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

@@ -42,6 +42,9 @@ def fly(delay: float, rate: int, noise: float = 0.05, seconds: float = 8.0) -> t
 def test_a_delay_of_all_responses_is_found_and_the_effects_are_right(delay: float, rate: int) -> None:
     found, estimate = fly(delay, rate)
     assert found == pytest.approx(delay, abs=0.002 if rate > 25 else 0.1 / rate)
+    assert estimate.delay == pytest.approx(found)
+    if delay < 0.02:
+        assert abs(estimate.delay - delay) <= 1.96 * estimate.delay_std + 0.001
     np.testing.assert_allclose(estimate.b, EFFECTS, atol=(0.04 if rate > 25 else 0.05) * 8.0)
     assert (np.abs(estimate.b - EFFECTS) <= 1.96 * estimate.b_std).all()
 

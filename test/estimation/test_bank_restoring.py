@@ -62,7 +62,7 @@ def test_restoring_adds_the_information_of_before_but_for_the_direction_of_the_n
 def test_a_name_takes_the_other_effects_back() -> None:
     errors = {False: 0.0, True: 0.0}
     for restored in errors:
-        for seed in range(3, 9):
+        for seed in range(3, 15):
             identifier = Identifier(from_mapping(SMALL))
             if not restored:
                 engine_of(identifier).restore = lambda rows, surface: None  # type: ignore[method-assign]

@@ -62,7 +62,7 @@ def test_batches_give_the_variance_by_what_the_estimates_move() -> None:
     settings = bank_settings(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}))
     engine = BankRegression(settings._replace(batches=np.array([4]), batch_factor=np.array([1.0])), 3)
     s, x, leader = engine.settings, engine.state, int(np.argmax(engine.settings.held))
-    x.shared_gate[:] = 0.0  # nothing is forgotten
+    x.axis_gate[:] = 0.0  # nothing is forgotten
     said = [1.0, 2.0, 1.0, 1.0]
     for k, _ in enumerate(said, 1):
         x.mixed[0, 4], x.known[0, 4] = float(np.mean(said[:k])), float(k)
