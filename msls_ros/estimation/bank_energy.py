@@ -108,7 +108,7 @@ def observe_energy(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
             total = 0.0
             rows = 0
             for q in range(y.shape[0]):
-                if x.group[q] == g and s.row_axis[q] == a:
+                if x.group[q] == g and s.row_axis[q] == a and s.counts[q] == 1:
                     total += x.gate[q]
                     rows += 1
             x.axis_gate[g, a] = total / rows if rows > 0 else 1.0

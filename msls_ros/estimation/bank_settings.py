@@ -19,6 +19,9 @@ DRIFTS = (0.1, 1.0, 10.0)
 """Walks kappa of the constant, per sample at `DRIFT_RATE`, over the standard deviation of the residual."""
 LATERAL = ("v", "P", "R")
 """Rows that are excited together, as all others are."""
+SLOW = "u"
+"""Speed changes by whatever an aircraft does: it says nothing of what excites its row's axis (with it the error of Q by
+the elevator at the end of a flight test is .06, without .02)."""
 FREE, APART = 0, -1
 """Kinds of members: with a share in every row; with none, for losses alone. From 1 on: held, by axis."""
 DRIFT_RATE = 50.0
@@ -92,6 +95,7 @@ def make_bank_settings(
     grid: Sequence[tuple[float, float, float, int]],
     *,
     axes: Sequence[int] | None = None,
+    counts: Sequence[int] | None = None,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
     rates: Sequence[int] = (),
@@ -113,6 +117,8 @@ def make_bank_settings(
         Members, see `bank_grid`.
     axes
         Of the rows: 0, or 1 for the other one; None: all 0.
+    counts
+        1 for rows whose output says that the axis is excited; None: all.
     effectors
         First and after the last effector among the regressors.
     straddle
@@ -152,6 +158,7 @@ def make_bank_settings(
         held=(kind > FREE).astype(np.int64),
         axis=axis,
         row_axis=row_axis,
+        counts=np.ones(len(scale), np.int64) if counts is None else np.array(counts, np.int64),
         mixes=mixes.astype(np.float64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),
         prior=prior,
@@ -259,12 +266,14 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
     """Translate the parameters, and over how many samples the inputs were smoothed, into what the loop takes."""
     axes = [int(name in LATERAL) for name in c.rows]
     axes = axes if len(set(axes)) > 1 else [0] * len(axes)
+    counts = [int(name != SLOW or axes.count(axis) == 1) for name, axis in zip(c.rows, axes, strict=True)]
     scale = np.array([c.reference_speed if s in ("u", "v", "w") else 1.0 for s in c.regressors])
     return make_bank_settings(
         scale,
         1.0 / c.sample_rate,
         bank_grid(c.estimator.memories, c.estimator.held_memories, 1 + max(axes)),
         axes=axes,
+        counts=counts,
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),

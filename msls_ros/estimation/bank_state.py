@@ -30,6 +30,8 @@ class BankSettings(NamedTuple):
     """(m,) of which axis' outputs, where it does."""
     row_axis: Integers
     """(r,) axis of each row: 0 longitudinal, 1 lateral."""
+    counts: Integers
+    """(r,) 1 where the energy of a row's output says that its axis is excited."""
     mixes: Array
     """(r, m) 1 where a member has a share in a row: the free ones, and those held by the row's axis."""
     drift: Array
@@ -179,7 +181,7 @@ class BankState(NamedTuple):
     gate: Array
     """(r,) present over remembered energy, at most 1."""
     axis_gate: Array
-    """(g, 2) the mean over the rows of the group by axis; 1 where it has none."""
+    """(g, 2) the mean over the rows of the group that count, by axis; 1 where it has none."""
     ring: Array
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
