@@ -14,9 +14,10 @@ first, sigma the bank's unit of each regressor)::
     R'' K = z,   theta_q += K e_q                                     eqs 9 and 11, for every row q of the group
 
 ``lambda = exp(-dt/tau)``, w = 1. A *held* member counts its memory in excited seconds: the share g of the present
-energy of the outputs in the energy that is remembered (`bank_energy`) multiplies ``1 - lambda``, and is the weight of
-the sample, ``w = sqrt(g)``. Quiet flight takes nothing away then, nor does the noise of a minute of it, which is all
-that regressors hold there, draw what was learnt towards nothing. At a start ``R = diag(sigma_i/pi)``.
+energy of the outputs of its axis in the energy that is remembered (`bank_energy`) multiplies ``1 - lambda``, and is the
+weight of the sample, ``w = sqrt(g)``. Quiet flight takes nothing away then, nor does the noise of a minute of it, which
+is all that regressors hold there, draw what was learnt towards nothing; nor do lateral inputs what an elevator input
+taught, for there is one set of held members for each axis. At a start ``R = diag(sigma_i/pi)``.
 
 The walk of the constant is exact: a random walk of variance kappa^2 (in residual variances) added to the first
 coefficient turns the information ``R_00^2`` into ``R_00^2/(1 + kappa^2 R_00^2)``; the others keep theirs, because the

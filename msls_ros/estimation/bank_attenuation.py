@@ -115,10 +115,13 @@ def solve_column(R: Array, m: int, n: int, w: Array) -> None:
 def motion_share(s: BankSettings, x: BankState, g: int, i: int, m: int, noise: float) -> float:
     """Share of the information about coefficient i that is motion for certain, no less than `LEAST` [1].
 
-    No prior, and noise to a standard error of its variance over so many samples.
+    No prior, and noise to a standard error of its variance over so many samples. What an effector has taken back after
+    a name (`bank_restoring`) was learnt from motion.
     """
     most = noise * (1.0 + math.sqrt(2.0 / max(x.taken[g, m], 1.0)))
-    prior = s.prior[i, m] * s.prior[i, m] + x.kept_info[g, i]
+    prior = s.prior[i, m] * s.prior[i, m]
+    if i <= s.effectors_from:
+        prior += x.kept_info[g, i]
     return float(max(1.0 - most - prior / x.info[g, i, m], LEAST))
 
 

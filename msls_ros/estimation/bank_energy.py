@@ -7,6 +7,9 @@ no effect. So forgetting of held members and the weight of a sample in the evide
     gate  = min(now / remembered, 1)
     remembered += gain gate (now - remembered);   rises at once with now
 
+Forgetting takes the mean gate of an axis, longitudinal or lateral: in a rudder input the gate of Q is .003, the mean of
+all rows .3. The row of u does not count in it: speed changes by whatever an aircraft does.
+
 The same for each regressor says whether it moves further than ever before. The energy that is remembered fades only as
 fast as flight is excited: after a minute of quiet it still knows the last manoeuvre. It also makes the floor of the
 detector (`bank_detection`).

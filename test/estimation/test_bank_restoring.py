@@ -8,9 +8,11 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
+from msls_ros.estimation.bank_attenuation import motion_share
 from msls_ros.estimation.bank_lags import lag_square
 from msls_ros.estimation.bank_losses import TOLERANCE
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_uncertainty import leading_member
 
 FAULT = 250
 
@@ -70,6 +72,19 @@ def test_a_name_takes_the_other_effects_back() -> None:
             named = next(i for i, e in enumerate(estimates) if any(v.kind == EventKind.ISOLATED for v in e.events))
             errors[restored] += abs(estimates[named + 1].b[0, 1] - 3.0)
     assert errors[True] < 0.5 * errors[False]
+
+
+def test_what_a_name_takes_back_counts_as_learnt_from_motion_and_a_prior_of_a_state_does_not() -> None:
+    engine = engine_of(identifier := Identifier(from_mapping(SMALL)))
+    identifier.run(*broken(1.0, seed=3))
+    s, x = engine.settings, engine.state
+    g, m = int(x.group[0]), leading_member(x, 0)
+    state, effector = 1, s.effectors_from + 1
+    alone = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
+    for i in (state, effector):
+        x.kept_info[g, i] = 0.9 * x.info[g, i, m]
+    kept = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
+    assert kept == pytest.approx([alone[0] - 0.9, alone[1]])
 
 
 @pytest.mark.parametrize("beside", [False, True])
