@@ -71,7 +71,8 @@ def sense_bank(
     """
     any_alarm = False
     group = -1
-    axis = -1
+    longitudinal = 0.0
+    lateral = 0.0
     novelty = observe_novelty(s, x, phi)
     expected = 1.0
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
@@ -87,10 +88,18 @@ def sense_bank(
         e[q] = last
         statistic[q] = 0.0
         alarm[q] = 0
-        if x.group[q] != group or s.row_axis[q] != axis:
+        if x.group[q] != group:
             group = x.group[q]
-            axis = s.row_axis[q]
-            expected = (1.0 + uncertainty_of(x.R[group], s.reference[s.row_axis[q]], phi, row)) * novelty
+            longitudinal = 0.0
+            lateral = 0.0
+        if s.row_axis[q] == 0:
+            if longitudinal == 0.0:
+                longitudinal = (1.0 + uncertainty_of(x.R[group], s.reference[0], phi, row)) * novelty
+            expected = longitudinal
+        else:
+            if lateral == 0.0:
+                lateral = (1.0 + uncertainty_of(x.R[group], s.reference[1], phi, row)) * novelty
+            expected = lateral
         if x.age[group] > 2 * phi.shape[0]:
             observe_answer(s, x, q, phi, last, expected)
         if not s.detect:
