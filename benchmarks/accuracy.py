@@ -14,7 +14,6 @@ found the delay its prediction takes the deflections of so long ago.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,11 +22,21 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration import truth_at
-from benchmarks.calibration_beds import Bed, Recorded, f16_beds, flight_test_beds, other_beds, record
+from benchmarks.calibration_beds import (
+    Bed,
+    Recorded,
+    f16_beds,
+    flight_test_beds,
+    keep_row,
+    kept_rows,
+    other_beds,
+    record,
+)
 from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier
 from msls_ros.estimation.kernel import Array
-from msls_ros.fleet.work import running_code
+from msls_ros.flights.closed_loop import RIGID_BODY
 from msls_ros.flights.judging import AFTER, START, TICK
+from msls_ros.flights.watch import Watch
 
 SCENARIOS = (
     *("roll_doublet_tail_fault", "half_loss", "ramp_loss", "nozzle_failure", "strong", "turbulence"),
@@ -54,7 +63,6 @@ WINDOW = 2.0
 """Isolation of MSLS [s]."""
 LARGE = 0.1
 """Of the largest number of a row, by the scale of its regressor."""
-RIGID_BODY = ("u", "v", "w", "P", "Q", "R")
 RATE = 10.0
 """Estimates that are judged [Hz]."""
 
@@ -104,12 +112,10 @@ def peers_f16(bed: Bed, seed: int) -> dict[str, Configuration]:
     }
 
 
-def estimates_of(configuration: Configuration, flight: Recorded, begin: float = -np.inf) -> Sequence[Estimate]:
-    """Return the estimates at `RATE` from a time on [s]."""
-    at = flight.time >= begin
+def estimates_of(configuration: Configuration, flight: Recorded) -> Sequence[Estimate]:
+    """Return the estimates at `RATE`."""
     every = max(1, round(configuration.sample_rate / RATE))
-    samples = (flight.time[at], flight.x[at], flight.xdot[at], flight.delta[at])
-    return Identifier(configuration).run(*samples, every=every).estimates
+    return Identifier(configuration).run(flight.time, flight.x, flight.xdot, flight.delta, every=every).estimates
 
 
 def judge_f16(bed: Bed, seed: int, flight: Recorded) -> Row:
@@ -129,13 +135,10 @@ def judge_f16(bed: Bed, seed: int, flight: Recorded) -> Row:
         true = np.array([watch.of(a, b) for a, b in truths])
         found = {
             "watched": np.abs(given - true) / size,
-            "A": np.array(
-                [row_errors(configuration, one, truth, 0) for one, truth in zip(estimates, truths, strict=True)]
-            ),
-            "B": np.array(
-                [row_errors(configuration, one, truth, 1) for one, truth in zip(estimates, truths, strict=True)]
-            ),
         }
+        for k, matrix in enumerate("AB"):
+            pairs = zip(estimates, truths, strict=True)
+            found[matrix] = np.array([row_errors(configuration, one, truth, k) for one, truth in pairs])
         errors[name] = {
             f"{what} {when}": float(np.sqrt(np.mean(np.square(values[at]))))
             for what, values in found.items()
@@ -224,11 +227,7 @@ def clip(flight: Recorded, begin: float, end: float) -> Recorded:
 def pick(configuration: Configuration, model: Estimate | tuple[Array, Array], key: tuple[str, str]) -> float:
     """Return one number of A or B."""
     a, b = model if isinstance(model, tuple) else (model.a, model.b)
-    row, column = key
-    i = configuration.states.index(row)
-    if column in configuration.states:
-        return float(a[i, configuration.states.index(column)])
-    return float(b[i, configuration.effectors.index(column)])
+    return float(Watch(*key, configuration.effectors).of(a, b))
 
 
 def relative(value: float, reference: float) -> float:
@@ -282,15 +281,10 @@ def measure(
     others
         Thirteen other aircraft in flight test, instead of four.
     """
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
     result: Row = {"seeds": list(seeds)}
     for part in parts:
         beds = f16_cells() if part == "f16" else smooth_beds(others)
-        kept = None if folder is None else folder / f"accuracy-{part}-{running_code()[:16]}.jsonl"
-        rows: list[Row] = []
-        if kept is not None and kept.is_file():
-            rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+        kept, rows = kept_rows(folder, f"accuracy-{part}")
         done = {(row["bed"], row["seed"]) for row in rows}
         todo = [(bed, seed) for bed in beds for seed in seeds]
         for k, (bed, seed) in enumerate(todo, 1):
@@ -304,9 +298,7 @@ def measure(
                 scale = REPEAT * bed.scenario.manoeuvre_scale
                 again = replace(bed, name=f"{bed.name} repeat", scenario=replace(bed.scenario, manoeuvre_scale=scale))
                 rows.append(judge_flight_test(bed, seed, flight, record(again, seed + REPEAT_SEED, folder)))
-            if kept is not None:
-                with kept.open("a", encoding="utf-8") as file:
-                    file.write(json.dumps(rows[-1]) + "\n")
+            keep_row(kept, rows[-1])
         wanted = {(bed.name, seed) for bed, seed in todo}
         rows = [row for row in rows if (row["bed"], row["seed"]) in wanted]
         result[part] = summarise_f16(rows) if part == "f16" else summarise_flight_test(rows)

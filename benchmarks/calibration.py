@@ -9,7 +9,6 @@ and ``quiet``, where for a second no angular rate has moved by a quarter of what
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -24,13 +23,14 @@ from benchmarks.calibration_beds import (
     f16_beds,
     flight_test_beds,
     intact_beds,
+    keep_row,
+    kept_rows,
     mapped,
     other_beds,
     record,
 )
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
 from msls_ros.estimation.kernel import Array
-from msls_ros.fleet.work import running_code
 from msls_ros.flights.judging import belongs, exposed
 from msls_ros.flights.scenarios import Scenario
 
@@ -279,13 +279,8 @@ def measure(
     others
         The beds of other aircraft, `OTHERS`, instead.
     """
-    rows: list[Row] = []
     todo = [(bed, seed) for bed in beds(quick, others) for seed in seeds]
-    kept = None if folder is None else folder / f"rows{'-' + method if method else ''}-{running_code()[:16]}.jsonl"
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-    if kept is not None and kept.is_file():
-        rows = [json.loads(line) for line in kept.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+    kept, rows = kept_rows(folder, f"rows{'-' + method if method else ''}")
     done = {(row["bed"], row["seed"], row["path"]) for row in rows}
     for k, (bed, seed) in enumerate(todo, 1):
         say(f"{k} of {len(todo)}: {bed.name}, seed {seed}")
@@ -298,9 +293,7 @@ def measure(
         for path in PATHS:
             if (bed.name, seed, path) not in done:
                 rows.append(judge(bed, seed, flight, path, configuration))
-                if kept is not None:
-                    with kept.open("a", encoding="utf-8") as file:
-                        file.write(json.dumps(rows[-1]) + "\n")
+                keep_row(kept, rows[-1])
     return {"seeds": list(seeds), "table": summarise(rows)}
 
 

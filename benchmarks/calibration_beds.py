@@ -7,6 +7,7 @@ flight (samples, truth, what breaks) serves any number of identifiers after it.
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -193,6 +194,23 @@ def record(bed: Bed, seed: int, folder: Path | None) -> Recorded:
         np.savez_compressed(part, **vars(found))
         part.replace(file)
     return found
+
+
+def kept_rows(folder: Path | None, name: str) -> tuple[Path | None, list[dict[str, Any]]]:
+    """Return the file of JSON lines of a folder that belongs to the running code, and the rows that stand in it."""
+    if folder is None:
+        return None, []
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / f"{name}-{running_code()[:16]}.jsonl"
+    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
+    return file, [json.loads(line) for line in lines if line.endswith("}")]
+
+
+def keep_row(file: Path | None, row: dict[str, Any]) -> None:
+    """Append a row to such a file; None: nowhere."""
+    if file is not None:
+        with file.open("a", encoding="utf-8") as opened:
+            opened.write(json.dumps(row) + "\n")
 
 
 def mapped(flight: Recorded) -> tuple[Array, Array, Array, Array]:

@@ -70,20 +70,17 @@ def parser() -> argparse.ArgumentParser:
     which = calibration.add_mutually_exclusive_group()
     which.add_argument("--quick", action="store_true", help="a few beds, a minute")
     which.add_argument("--others", action="store_true", help="thirteen other aircraft, instead")
-    calibration.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
-    calibration.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
     calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
-    calibration.add_argument(
-        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
-    )
     accuracy = commands.add_parser("accuracy", help="errors beside MSLS and RLS, batch and the truth, on all beds")
-    accuracy.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: both)")
-    accuracy.add_argument("--others", action="store_true", help="thirteen other aircraft in flight test, instead")
-    accuracy.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
-    accuracy.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
-    accuracy.add_argument(
-        "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
-    )
+    which = accuracy.add_mutually_exclusive_group()
+    which.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: both)")
+    which.add_argument("--others", action="store_true", help="thirteen other aircraft in flight test, instead")
+    for command in (calibration, accuracy):
+        command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
+        command.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
+        command.add_argument(
+            "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
+        )
     for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
