@@ -31,7 +31,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_effector_noise import observe_answer
+from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry
 from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -102,6 +102,8 @@ def sense_bank(
             expected = lateral
         if x.age[group] > 2 * phi.shape[0]:
             observe_answer(s, x, q, phi, last, expected)
+            if s.straddle == 0:
+                observe_entry(s, x, q, last)
         if not s.detect:
             continue
         square = sharp * sharp

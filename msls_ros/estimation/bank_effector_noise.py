@@ -15,6 +15,7 @@ beyond the model is within `ANSWERED`; nothing from twice that on. What an outpu
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares
 both): there it is at most what their third differences hold, and what makes the derivatives' prediction errors.
+Elsewhere they say how much of the noise in a rate comes into an output with what is known of it (`entering_part`).
 
 References
 ----------
@@ -66,8 +67,6 @@ def observe_states(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the median squares of the third differences of states that have passed a window; phi (p,)."""
     size = x.states.shape[0]
     k = x.samples[0]
-    if s.straddle == 0:
-        return
     begun = k - size - s.straddle
     pace = 1.0 + max(PACE, 1.0 / (begun + 1.0)) if begun >= 0 else 1.0
     for j in range(x.state_median.shape[0]):
@@ -78,6 +77,7 @@ def observe_states(s: BankSettings, x: BankState, phi: Array) -> None:
         inner = x.states[(k - 2) % size, j] - x.states[(k - 1) % size, j]
         third = (phi[j + 1] - last + 3.0 * inner) * s.third
         square = third * third
+        x.state_third[j] = third
         x.state_median[j] *= pace if square > x.state_median[j] else 1.0 / pace
         x.state_median[j] = square if begun == 0 else max(x.state_median[j], SMALLEST * s.sigma[j + 1] * s.sigma[j + 1])
 
@@ -93,6 +93,35 @@ def state_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
         return found
     most = min(x.state_median[j] / MEDIAN, s.slope_noise * x.residual[j, 0] / x.residual[j, 1])
     return float(max(found, most))
+
+
+@compiled
+def observe_entry(s: BankSettings, x: BankState, q: int, error: float) -> None:
+    """Update how row q's prediction error goes with the noise in the states, where `entering_part` asks for it."""
+    x.entry_samples[q] += 1.0 - s.entry * x.entry_samples[q]
+    for j in range(x.state_third.shape[0]):
+        if s.turning[q + 1, j + 1] > 0:
+            x.entry[q, j] += error * x.state_third[j] - s.entry * x.entry[q, j]
+
+
+@compiled
+def entering_part(s: BankSettings, x: BankState, q: int, i: int, turned: float) -> float:
+    """Return as much of ``turned``, what is known of row q's derivative by regressor i, as its noise is in the output.
+
+    What `kinematics` takes off an output holds the measured state, and so does what an accelerometer and the measured
+    rates make of a derivative: then nothing of the noise is left in the output. A derivative that was measured for
+    itself leaves all of it: ``error = -(theta + share turned) n + ...``. The third difference d of white noise n holds
+    ``n / sqrt 20``, so ``sqrt 20 mean(error d) / mean(d^2)`` says ``-(theta + share turned)``. Two standard errors are
+    added to the share. Through windows, where n is not white, it is one.
+    """
+    square = x.state_median[i - 1] / MEDIAN
+    count = x.entry_samples[q]
+    if s.straddle > 0 or square <= 0.0 or count <= 0.0 or turned == 0.0:
+        return turned
+    found = -x.entry[q, i - 1] / (s.third * count * square)
+    chance = math.sqrt(x.residual[q, 0] / x.residual[q, 1] / (count * square)) / s.third
+    share = (found - x.mixed[q, i]) / turned + 2.0 * chance / abs(turned)
+    return float(turned * min(max(share, 0.0), 1.0))
 
 
 @compiled

@@ -62,6 +62,8 @@ LANES = 4
 what is left over costs as much as four times its number. A tenth of the time of a sample at 39 members."""
 STRIDE = 0.1
 """Between estimates that are kept to compare with [s]."""
+ENTRY = 30.0
+"""Memory of whether the noise in the states is in the outputs [s]: as that of delays, both are of the sensors."""
 QUICK = 0.1
 """Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
 LATEST = 0.06
@@ -196,6 +198,7 @@ def make_bank_settings(
         quick=min(period / QUICK, 1.0),
         motion=min(period / (QUICK + straddle * period), 1.0),
         third=third,
+        entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         late=late,
         latest=max(1, round(LATEST / period)),

@@ -94,7 +94,9 @@ class BankSettings(NamedTuple):
     quick: float
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     third: float
-    """Of third differences of the deflections, to be of the size of their noise, see `bank_effector_noise`."""
+    """Of third differences, to be of the size of the noise in what they are of, see `bank_effector_noise`."""
+    entry: float
+    """Share that a sample forgets of how outputs go with the noise in the states, see `bank_effector_noise`."""
     slope_noise: float
     """Variance of white noise in a state that has passed the window over what it leaves of the derivative [s^2]."""
     motion: float
@@ -255,7 +257,13 @@ class BankState(NamedTuple):
     third_cross: Array
     """(r, c) weighted sums of them times what outputs do by each effector and beyond the model."""
     states: Array
-    """(3, r) the last states, a ring, where inputs have passed a window."""
+    """(3, r) the last states, a ring."""
+    state_third: Array
+    """(r,) their third differences, of the size of their noise."""
+    entry: Array
+    """(r, r) sums of the prediction errors times these."""
+    entry_samples: Array
+    """(r,) how many samples these hold."""
     state_median: Array
     """(r,) median square of their third differences, of the size of their noise."""
     third_noise: Array
@@ -448,6 +456,9 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         third_power=np.zeros(effectors),
         third_cross=np.zeros((rows, effectors)),
         states=np.zeros((3, rows)),
+        state_third=np.zeros(rows),
+        entry=np.zeros((rows, rows)),
+        entry_samples=np.zeros(rows),
         state_median=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),

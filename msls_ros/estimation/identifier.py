@@ -94,7 +94,7 @@ class Identifier:
         self._assembly = Assembly(c, self._regression)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
-        self._defect = make_defect(len(c.rows), c.sample_rate)
+        self._defect = make_defect(c.rows, c.sample_rate)
         self._enabled = True
         self._followed = -1, -1
         self._turned = -1, 0.0, 0.0

@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, Run, from_mapping
-from msls_ros.estimation.bank_effector_noise import state_noise
+from msls_ros.estimation.bank_effector_noise import entering_part, state_noise
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
@@ -179,14 +179,22 @@ def test_smooth_motion_through_a_window_is_no_noise() -> None:
     assert max(state_noise(engine.settings, engine.state, j, 0.0) for j in range(3)) < 0.0002**2
 
 
-def noise_in_states(skew: float, noise: float) -> float:
-    """Return the standard deviation that is found for a state measured ``skew`` [s] after its derivative."""
+def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0.0) -> float:
+    """Return the standard deviation that is found in a state measured ``skew`` [s] after its derivative.
+
+    The derivative has noise of its own, of standard deviation ``drift``, that is correlated over .3 s.
+    """
     n = 500
     time = PERIOD * np.arange(n, dtype=np.float64)
     x = np.sin(3.0 * (time - skew))[:, None] + noise * math.sqrt(3.0) * uniform(n, 1, 71)
-    defect, out = make_defect(1, 1.0 / PERIOD), np.zeros((n, 1))
+    defect, out = make_defect((name,), 1.0 / PERIOD), np.zeros((n, 1))
     clear_defect(defect)
-    observe_defect(defect, time, x, 3.0 * np.cos(3.0 * time)[:, None], np.zeros(1, np.int64), out)
+    keep = math.exp(-PERIOD / 0.3)
+    fresh = drift * math.sqrt(3.0 * (1.0 - keep * keep)) * uniform(n, 1, 72)
+    slope = 3.0 * np.cos(3.0 * time)[:, None]
+    for k in range(1, n):
+        fresh[k] += keep * fresh[k - 1]
+    observe_defect(defect, time, x, slope + fresh, np.zeros(1, np.int64), out)
     return math.sqrt(float(out[-1, 0]))
 
 
@@ -194,3 +202,38 @@ def test_a_state_that_is_measured_a_moment_after_its_derivative_is_not_noisy() -
     assert noise_in_states(0.01, 0.0) < 0.1 * 0.01 * 3.0
     assert noise_in_states(0.0, 0.005) == pytest.approx(0.005, rel=0.3)
     assert noise_in_states(0.01, 0.005) == pytest.approx(0.005, rel=0.3)
+
+
+def test_noise_of_an_angular_acceleration_is_not_taken_for_noise_of_the_rate() -> None:
+    """Over .4 s it adds half as much again, which a velocity might owe to gusts; over .1 s little."""
+    assert noise_in_states(0.0, 0.0015, "Q", 0.0105) == pytest.approx(0.0015, rel=0.2)
+    assert noise_in_states(0.0, 0.0015, "w", 0.0105) > 1.4 * 0.0015
+
+
+def entering(own: float) -> float:
+    """Return which share of the noise in Q is found in the output of w, where ``own`` of it is.
+
+    The derivative of w holds ``Q u`` with Q as it is measured, as an accelerometer and the gyros make it, but for that.
+    """
+    n, u = 600, 50.0
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    pitch, noise = 0.05 * np.sin(2.0 * time), 0.0015 * math.sqrt(3.0) * uniform(n, 1, 81)[:, 0]
+    x = np.zeros((n, 5))
+    x[:, 0], x[:, 1], x[:, 2] = u, 0.5 * np.sin(3.0 * time), pitch + noise
+    delta = 0.125 * uniform(n, 1, 82)
+    xdot = 0.02 * uniform(n, 5, 83)
+    xdot[:, 1] += x[:, 2] * u - own * noise * u - 0.8 * x[:, 1]
+    xdot[:, 2] += 0.1 * np.cos(2.0 * time) - 6.0 * delta[:, 0]
+    names = {"states": ("u", "w", "Q", "Phi", "Theta"), "effectors": ("de",), "known_gravity": True}
+    identifier = Identifier(from_mapping({**SMALL, **names}))
+    identifier.run(time, x, xdot, delta)
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    return entering_part(engine.settings, engine.state, 1, 3, u) / u
+
+
+def test_noise_in_a_rate_counts_for_what_is_known_as_far_as_the_output_holds_it() -> None:
+    """Accelerations of accelerometers leave none of it in the force, such as are measured for themselves all."""
+    assert entering(0.0) < 0.1
+    assert entering(1.0) == 1.0
+    assert 0.45 < entering(0.5) < 0.8, "half, and two standard errors"
