@@ -20,7 +20,8 @@ samples. No noise level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
-moved since, and as the errors of one window go together, q_l is that of as many samples as l holds windows.
+moved since, and as the errors of one window go together, q_l is that of fewer independent ones: by the autocorrelation
+of white noise that has passed it, for slopes and for smoothed values (`bank_settings.independent_squares`).
 
 A fault seldom shows in one equation alone: where two rows reach two fifths of the threshold at once, both alarm
 (`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other
@@ -203,7 +204,7 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: f
         while taken < s.windows[i]:
             total += x.surprise[q, (x.counted[q] - taken) % size]
             taken += 1
-        value = total / s.windows[i] / (nominal * s.quantiles[i] + unknown * s.quantiles[0])
+        value = total / s.windows[i] / (nominal * s.quantiles[q, i] + unknown * s.quantiles[q, 0])
         if value > largest:
             largest = value
     return largest

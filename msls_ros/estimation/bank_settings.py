@@ -104,6 +104,7 @@ def make_bank_settings(
     turning: Mapping[tuple[int, int], tuple[int, float]] | None = None,
     surfaces: Sequence[Surface] = (),
     straddle: int = 0,
+    differenced: Sequence[int] = (),
     detect: bool = True,
     threshold: float = THRESHOLD,
 ) -> BankSettings:
@@ -125,6 +126,8 @@ def make_bank_settings(
         First and after the last effector among the regressors.
     straddle
         Samples over which the inputs were smoothed or differentiated.
+    differenced
+        Rows whose outputs are differences of their states then; all others are smoothed.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
     rates
@@ -173,7 +176,7 @@ def make_bank_settings(
         energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
         detect=detect,
         windows=np.array(WINDOWS, np.int64),
-        quantiles=np.array([_quantile(length // (straddle + 1)) for length in WINDOWS]),
+        quantiles=_quantiles(len(scale), straddle, differenced),
         threshold=threshold,
         floor=FLOOR,
         base=max(1.0 - period / BASE, 0.0),
@@ -215,24 +218,57 @@ def make_bank_settings(
     )
 
 
+def _window(straddle: int) -> tuple[Array, Array]:
+    """Return the weights of values and of slopes in a window of `msls_ros.inputs.derivatives` of so many intervals."""
+    if straddle == 0:
+        return np.ones(1), np.ones(1)
+    raw = [0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0]
+    return np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]), np.diff(raw)
+
+
 def _window_noise(straddle: int) -> tuple[float, float]:
-    """Return what white noise becomes in a window of `msls_ros.inputs.derivatives` of so many intervals.
+    """Return what white noise becomes in such a window.
 
     By what third differences of the values are as large as the noise in them, and the variance of that over the least
     that the best prediction leaves of the slopes, the square of their first weight (Kolmogorov's formula) [sample^2].
     """
-    raw = [0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0]
-    window = np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]) if straddle > 0 else np.ones(1)
-    slope = np.diff(raw)
+    window, slope = _window(straddle)
     thirds = np.convolve(window, [1.0, -3.0, 3.0, -1.0])
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
     return math.sqrt(square / float(np.sum(thirds * thirds))), over_slope
 
 
-def _quantile(independent: int) -> float:
-    """Return that of a mean of so many independent squares: of the longest of `WINDOWS` that is no longer, or of 1."""
-    return max((w, q) for w, q in zip(WINDOWS, QUANTILES, strict=True) if w <= max(independent, 1))[1]
+def _quantiles(rows: int, straddle: int, differenced: Sequence[int]) -> Array:
+    """Return what means over `WINDOWS` of squared noise reach once in 1e8: (rows, w), see `independent_squares`."""
+    values, slopes = _window(straddle)
+    found = np.empty((rows, len(WINDOWS)))
+    for row in range(rows):
+        weights = slopes if row in differenced else values
+        for i, length in enumerate(WINDOWS):
+            number = math.log(independent_squares(length, weights))
+            found[row, i] = math.exp(float(np.interp(number, np.log(WINDOWS), np.log(QUANTILES))))
+    return found
+
+
+def independent_squares(length: int, weights: Array) -> float:
+    """Return how many independent squares have a mean that varies as that of white noise through a filter does.
+
+    ``l^2 / sum r_k^2 (l - |k|)`` with the autocorrelation r of the filtered noise: the variance of the mean of l
+    squares of Gaussian noise is twice the inverse (Bartlett).
+
+    Parameters
+    ----------
+    length
+        l, samples.
+    weights
+        (n,) of the filter.
+    """
+    r = np.correlate(weights, weights, "full")[len(weights) - 1 :] / float(np.sum(weights * weights))
+    total = float(length)
+    for k in range(1, min(len(r), length)):
+        total += 2.0 * float(r[k]) ** 2 * (length - k)
+    return length * length / total
 
 
 def _coupled(rates: Sequence[int], p: int) -> Integers:
@@ -279,6 +315,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         counts=counts,
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
+        differenced=[i for i, name in enumerate(c.rows) if name in ("P", "Q", "R")],
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
         rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),

@@ -56,7 +56,7 @@ class BankSettings(NamedTuple):
     windows: Integers
     """(w,) samples over which squared prediction errors are averaged, rising."""
     quantiles: Array
-    """(w,) what such a mean of unit variance reaches once in 1e8 samples of Gaussian noise."""
+    """(p, w) by row: what such a mean of unit variance reaches once in 1e8 samples of Gaussian noise."""
     threshold: float
     floor: float
     """Share of the remembered energy that an alarm needs at least [1, rms]."""

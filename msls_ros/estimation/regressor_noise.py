@@ -7,8 +7,9 @@ coloured, or a gust that moves the air data and not the aircraft::
 
     D_k = x_k - x_(k-L) - sum (xdot_j + xdot_(j-1)) dt/2,      sigma_x^2 = 1/2 var D
 
-It holds the noise of the derivative as well, which grows as L^2 while that is correlated. Gyros have no gusts, and
-their noise is white for the most part, so for angular rates a short window will do.
+A gust changes over seconds, and in the first of them hardly shows: with n independent windows so far, by Student's t
+the variance counts ``n / (n - 2)`` times. D holds the noise of the derivative as well, which grows as L^2 while that is
+correlated. Gyros have no gusts, and their noise is white for the most part, so for rates a short window will do.
 About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
 that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
 
@@ -38,8 +39,14 @@ WINDOW, RATES_WINDOW = 0.4, 0.1
 Noise of Q in flight test, 1.5 mrad/s in truth: .4 s say 3.5, .1 s say 1.5 to 1.6, of P and R within 10 and 8 %.
 """
 
+OVERLAP = 1.5
+"""Independent squares per window of what changes slowly: the squares of its autocorrelation, 1 - |k|/L, sum to 2L/3."""
+
 MEMORY = 3.0
 """Of mean and variance [s]."""
+
+FEW = 0.02
+"""Least number of windows beyond two that is reckoned with: before that next to nothing is known of the noise."""
 
 GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
@@ -137,7 +144,8 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 if defect.skew[2, j] > 0.0:
                     deviation -= defect.skew[1, j] / defect.skew[2, j] * change
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
-            noise[k, j] = 0.5 * defect.variance[j]
+            number = OVERLAP / (gain * defect.size[j])
+            noise[k, j] = 0.5 * defect.variance[j] * number / max(number - 2.0, FEW)
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v

@@ -11,7 +11,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
 from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank_settings import bank_settings, independent_squares
 from msls_ros.inputs.derivatives import DerivativeFilter
 
 INTERVALS = 4
@@ -72,3 +72,18 @@ def test_batches_give_the_variance_by_what_the_estimates_move() -> None:
     # each as a part of the whole: S of k batches is (k/4)^2 of what it adds in the end
     expected = sum((move * k / 4.0) ** 2 for k, move in enumerate(moves, 1))
     assert batch_square(s, x, 0, 4) == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "weights",
+    [[1.0], [0.1, 0.25, 0.3, 0.25, 0.1], [-2.0, -1.0, 0.0, 1.0, 2.0]],
+    ids=["no window", "values", "slopes"],
+)
+def test_squared_noise_through_a_window_averages_as_so_many_independent_squares(weights: list[float]) -> None:
+    """The variance of the mean of n independent squares is 2/n of the square of their mean."""
+    noise = np.convolve(np.random.default_rng(17).normal(size=200_000), weights, "valid")
+    squares = noise * noise / np.mean(noise * noise)
+    for length in (1, 3, 8, 20):
+        means = np.convolve(squares, np.ones(length) / length, "valid")
+        number = independent_squares(length, np.array(weights))
+        assert 2.0 / float(np.var(means)) == pytest.approx(number, rel=0.1), length
