@@ -40,7 +40,7 @@ from msls_ros.estimation.kernel import Array
 ATTENUATED = 0.2
 """Share of the squared bias by noise in the states that counts.
 
-With .5, 95 % of the errors were within .5 to 1.3 of a bar that this dominates (seed 811, all beds); now .7 to 1.8.
+With .5, 95 % of the errors were within .4 to 1.1 of a bar that this dominates (seed 811, all beds); now .7 to 1.8.
 """
 NOTICED = 1e-3
 """Share of the information about a coefficient from which noise in its regressor is looked at [1]."""

@@ -48,7 +48,7 @@ Before anything is seen of them; half of it changes no coverage by more than .01
 REALISED = 0.65
 """Share of the variance by what is not known of delays that counts.
 
-In full, 95 % of the errors were within .4 to 1.4 of a bar that this dominates (seed 811, all beds); now .4 to 2.0.
+In full, 95 % of the errors were within .7 to 1.3 of a bar that this dominates (seed 811, all beds); now .6 to 1.9.
 """
 
 

@@ -65,20 +65,20 @@ from msls_ros.estimation.kernel import Array
 REACH_STATES, REACH_EFFECTORS = 0.25, 0.42
 """Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1].
 
-Seed 811, F-16 and four aircraft in flight test: of bars that this dominates, 95 % of the errors of A are within .6 to
-2.0 (1.96 is due), of B within 1.1 to 2.2; with .16 and .32 within .5 to 1.7, and .8 to 1.6.
+Seed 811, F-16 and four aircraft in flight test: of bars that this dominates, 95 % of the errors of A are within .7 to
+1.4 (1.96 is due), of B within 1.0 to 2.0; with .16 and .32 within .5 to 1.2, and .8 to 1.3.
 """
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
 SYSTEMATIC = 0.03
 """Share of an estimate that no averaging makes certain where residuals are wholly autocorrelated [1].
 
-With .076, 95 % of the errors were within .2 to .8 of a bar that this dominates (seed 811); now .5 to 1.0.
+With .076, 95 % of the errors were within .3 to .8 of a bar that this dominates (seed 811); now .3 to 1.0.
 """
 CONTRADICTED = 0.5
 """Share of the square by which the last seconds contradict an estimate that counts.
 
-In full, 95 % of the errors were within .2 to 1.2 of a bar that this dominates (seed 811); now .4 to 1.6.
+In full, 95 % of the errors were within .3 to .9 of a bar that this dominates (seed 811); now .4 to 1.1.
 """
 SPREAD = 3.0
 """So many times the spread between members counts: where once it dominated, 95 % of the errors were within 2 to 11."""
