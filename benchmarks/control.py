@@ -238,6 +238,8 @@ def well(row: Mapping[str, Any]) -> bool:
 
 
 def survivable(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return the flights whose failure a law that is told the truth survives."""
+    """Return the flights whose failure a law that knows the truth survives; all, where none has flown."""
+    if all(row["law"] != "truth" for row in rows):
+        return rows
     kept = {(row["scenario"], row["noise"], row["seed"]) for row in rows if row["law"] == "truth" and row["kept"]}
     return [row for row in rows if (row["scenario"], row["noise"], row["seed"]) in kept]

@@ -180,7 +180,10 @@ def _control(arguments: argparse.Namespace) -> Any:
         return None
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     rows = module.measure(arguments.suite, arguments.laws, arguments.noise, seeds, arguments.out, _say)
-    rows = module.survivable(rows) if arguments.suite == "random" else rows
+    if arguments.suite == "random":
+        if "truth" not in arguments.laws:
+            _say("all failures count: which can be survived, only the law 'truth' shows")
+        rows = module.survivable(rows)
     result = module.summarise(rows)
     if not arguments.json:
         print(format_control(result))

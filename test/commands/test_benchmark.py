@@ -8,7 +8,7 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks import kernel, peers, plain_c, stress
+from benchmarks import control, kernel, peers, plain_c, stress
 from benchmarks.peers import OURS, PEERS, Estimator, Peer
 from msls_ros.commands import benchmark
 from msls_ros.estimation import MSLS
@@ -160,3 +160,12 @@ def test_campaign_prints_how_many_times_real_time_a_flight_takes(capsys: pytest.
     assert speed["high"] * wall["low"] == pytest.approx(12_000.0)
     assert benchmark.main(["campaign", "--flights", "1"]) == 0
     assert "x real time" in capsys.readouterr().out
+
+
+def test_random_failures_count_where_the_law_that_knows_the_truth_survives_and_all_without_it() -> None:
+    rows = [
+        {"law": law, "scenario": "random_cruise", "noise": "low", "seed": seed, "kept": kept}
+        for law, seed, kept in (("auto", 1, True), ("auto", 2, False), ("truth", 1, True), ("truth", 2, False))
+    ]
+    assert [row["law"] for row in control.survivable(rows)] == ["auto", "truth"]
+    assert control.survivable(rows[:2]) == rows[:2]
