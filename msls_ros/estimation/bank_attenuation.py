@@ -7,8 +7,8 @@ information of n samples, estimates are off by (Fuller)::
 
 which is counted as a sum of squares: how noisy each regressor is is not known well enough for them to cancel. What
 `kinematics` takes off an output belongs to ``theta_k`` here as far as its noise is in the output, which is measured
-(`entering_part`). And of
-the information about coefficient j, which is that of what the others leave of its regressor, the share ::
+(`entering_part`). And of the information about coefficient j, which is that of what the others leave of its regressor,
+the share ::
 
     lambda_j = sum_k n sigma_k^2 V_jk^2 / V_jj
 

@@ -64,7 +64,7 @@ def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
 
 @compiled
 def observe_states(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Update the median squares of the third differences of states that have passed a window; phi (p,)."""
+    """Update the third differences of the states and their median squares; phi (p,), constant first."""
     size = x.states.shape[0]
     k = x.samples[0]
     begun = k - size - s.straddle

@@ -11,6 +11,7 @@ from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import find_rotation
+from msls_ros.estimation.regressor_noise import RATES
 from msls_ros.estimation.surfaces import Surface, read_surfaces
 
 PRIORS = (10.0, 300.0, 1e5)
@@ -315,7 +316,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         counts=counts,
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
-        differenced=[i for i, name in enumerate(c.rows) if name in ("P", "Q", "R")],
+        differenced=[i for i, name in enumerate(c.rows) if name in RATES],
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
         rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),

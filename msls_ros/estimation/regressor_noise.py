@@ -7,11 +7,12 @@ coloured, or a gust that moves the air data and not the aircraft::
 
     D_k = x_k - x_(k-L) - sum (xdot_j + xdot_(j-1)) dt/2,      sigma_x^2 = 1/2 var D
 
+About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
+that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
+
 A gust changes over seconds, and in the first of them hardly shows: with n independent windows so far, by Student's t
 the variance counts ``n / (n - 2)`` times. D holds the noise of the derivative as well, which grows as L^2 while that is
 correlated. Gyros have no gusts, and their noise is white for the most part, so for rates a short window will do.
-About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
-that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
 
 Nothing is seen where the derivatives were made from the states.
 
@@ -145,7 +146,8 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                     deviation -= defect.skew[1, j] / defect.skew[2, j] * change
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
             number = OVERLAP / (gain * defect.size[j])
-            noise[k, j] = 0.5 * defect.variance[j] * number / max(number - 2.0, FEW)
+            found = 0.5 * defect.variance[j]
+            noise[k, j] = max(found * number / max(number - 2.0, FEW), found)
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v
