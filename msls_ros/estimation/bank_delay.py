@@ -153,7 +153,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
     first = s.effectors_from + 1
     count = x.answer.shape[1]
     free = x.quick_samples[0] - p - 3.0
-    if free <= 0.0:
+    if free <= 0.0 or count == 0:
         x.delay[1] = s.late_part * s.late_part
         return
     d = x.delay[1] * x.delay[2]

@@ -23,9 +23,22 @@ it half-way: a third of it shows. So predictions are by the estimates of a whole
 moved since, and as the errors of one window go together, q_l is that of fewer independent ones: by the autocorrelation
 of white noise that has passed it, for slopes and for smoothed values (`bank_settings.independent_squares`).
 
+Slopes of rates are noisy, but their sum is a difference of two rates, while an effector that has lost its effect is
+held for longer than a sample. So of rows that are differentiated the mean prediction error over a window is looked at
+too, with its sign, against what it is usually, and no less is allowed for model error than above::
+
+    T = max_l  (mean_l e)^2 / ( max(t^2 base_l, q_l moved) + q_l floor^2 energy )
+
+``base_l`` is the mean of older such squares, t that quantile of Student's with as many degrees of freedom as the
+windows in it that do not overlap, half as many again for those that do: ``1.5 (sum w)^2 / (l sum w^2)`` by its weights.
+
 A fault seldom shows in one equation alone: where two rows reach two fifths of the threshold at once, both alarm
 (`PAIR`); and with the first alarm, and for the longest window after it, a third of the threshold suffices for the other
 rows (`LIKELY`), by the standard errors of before, which the fault itself has not made wider yet.
+
+References
+----------
+Wallace, "Bounds on normal approximations to Student's and the chi-square distributions", Ann. Math. Statist. 30 (1959).
 """
 
 from __future__ import annotations
@@ -36,7 +49,9 @@ from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entr
 from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regressor_noise import OVERLAP
 
 LIKELY = 1.0 / 3.0
 """Share of the threshold that suffices for other rows where one has just alarmed: what noise reaches once in 1e3."""
@@ -45,6 +60,8 @@ PAIR = 0.41
 
 Noise reaches that, by every window, once in 1e4 at most: two rows at once no oftener than one reaches the whole.
 """
+UNKNOWN = 60.0
+"""Exponent beyond which a quantile of Student's t is as good as infinite: next to nothing is known of the variance."""
 BY_NOISE = 9.0
 """Squared standard deviations of the noise in a deflection beyond which it is motion."""
 FURTHER = 4.0
@@ -110,12 +127,18 @@ def sense_bank(
         square = sharp * sharp
         smaller = min(square, error * error)
         surprise = smaller / expected
-        statistic[q] = change_of(s, x, q, surprise, nominal_square(s, x, q), unknown_square(s, x, q, phi))
+        signed = (sharp if square < error * error else error) / math.sqrt(expected)
+        nominal, unknown = nominal_square(s, x, q), unknown_square(s, x, q, phi)
+        statistic[q] = change_of(s, x, q, surprise, nominal, unknown)
+        if s.differenced[q] != 0 and nominal < math.inf:
+            statistic[q] = max(statistic[q], mean_change_of(s, x, q, signed, unknown))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
         if statistic[q] > limit and x.learning[0] == 0:
             alarm[q] = 1
             any_alarm = True
         else:
+            if s.differenced[q] != 0 and x.counted[q] >= 0:
+                remember_mean(s, x, q, signed)
             remember_square(s, x, q, square, smaller, surprise)
     if x.alert[0] > 0:
         x.alert[0] -= 1
@@ -208,6 +231,58 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: f
         if value > largest:
             largest = value
     return largest
+
+
+@compiled
+def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, unknown: float) -> float:
+    """Return the statistic of the mean prediction errors of row q, armed and differenced, with the one of now."""
+    size = x.ring.shape[1]
+    total = signed
+    taken = 1
+    largest = 0.0
+    moved = moved_square(s, x, q)
+    floor = s.floor * s.floor * x.remembered[q]
+    sums = x.mean_base[q]
+    for i in range(1, s.windows.shape[0]):
+        while taken < s.windows[i]:
+            total += x.signed[q, (x.counted[q] - taken) % size]
+            taken += 1
+        mean = total / s.windows[i]
+        free = OVERLAP * sums[0] * sums[0] / sums[1] / s.windows[i]
+        noise = student_square(s.quantiles[q, 0], free) * sums[i + 2] / sums[0]
+        nominal = max(noise, s.quantiles[q, i] * moved) + s.quantiles[q, i] * floor + s.quantiles[q, 0] * unknown
+        if mean * mean > largest * nominal:
+            largest = mean * mean / nominal if nominal > 0.0 else 0.0
+    return largest
+
+
+@compiled
+def student_square(square: float, free: float) -> float:
+    """Return the quantile of the square of Student's t where that of a normal variable is ``square`` (Wallace)."""
+    ratio = (8.0 * free + 3.0) / (8.0 * free + 1.0)
+    return free * (exponential(min(square * ratio * ratio / free, UNKNOWN)) - 1.0)
+
+
+@compiled
+def remember_mean(s: BankSettings, x: BankState, q: int, signed: float) -> None:
+    """Push a prediction error of a differenced row into its window; means that leave it enter the usual ones."""
+    size = x.ring.shape[1]
+    slot = x.counted[q] % size
+    sums = x.mean_base[q]
+    if x.counted[q] >= size:
+        sums[0] = s.mean_forgetting * sums[0] + 1.0
+        sums[1] = s.mean_forgetting * s.mean_forgetting * sums[1] + 1.0
+        for i in range(1, s.windows.shape[0]):
+            sums[i + 2] = s.mean_forgetting * sums[i + 2] + x.mean_square[q, i, slot]
+    x.signed[q, slot] = signed
+    total = signed
+    taken = 1
+    for i in range(1, s.windows.shape[0]):
+        while taken < s.windows[i]:
+            total += x.signed[q, (x.counted[q] - taken) % size]
+            taken += 1
+        mean = total / s.windows[i]
+        x.mean_square[q, i, slot] = mean * mean
 
 
 @compiled

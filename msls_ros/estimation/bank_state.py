@@ -55,6 +55,10 @@ class BankSettings(NamedTuple):
     detect: bool
     windows: Integers
     """(w,) samples over which squared prediction errors are averaged, rising."""
+    differenced: Integers
+    """(r,) 1 where outputs are differences of their own states, over windows: the noise of their sum cancels."""
+    mean_forgetting: float
+    """Forgetting factor of what means of their prediction errors are usually [1]."""
     quantiles: Array
     """(p, w) by row: what such a mean of unit variance reaches once in 1e8 samples of Gaussian noise."""
     threshold: float
@@ -182,12 +186,20 @@ class BankState(NamedTuple):
     """(p,) energy of their steps that is remembered."""
     gate: Array
     """(r,) present over remembered energy, at most 1."""
+    energy_share: Array
+    """(r, m) the mean of that over what a free member remembers; 1 of held ones, which remember nothing else."""
     axis_gate: Array
     """(g, 2) the mean over the rows of the group that count, by axis; 1 where it has none."""
     ring: Array
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
     """(r, w) the same, or the mixture's if smaller, over 1 + d of the reference member and what is new."""
+    signed: Array
+    """(r, w) the prediction errors whose squares these are, of differenced rows."""
+    mean_square: Array
+    """(r, l, w) squares of their means over the l windows that ended at each of the last samples."""
+    mean_base: Array
+    """(r, 2 + l) sums of the weights of older ones, of the weights' squares, and weighted sums of them."""
     smaller: Array
     """(r, w) that smaller one itself."""
     square_moved: Array
@@ -418,9 +430,13 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         phi_last=np.zeros(p),
         step_remembered=np.zeros(p),
         gate=np.zeros(rows),
+        energy_share=np.ones((rows, s.forgetting.shape[0])),
         axis_gate=np.ones((groups, 2)),
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
+        signed=np.zeros((rows, w)),
+        mean_square=np.zeros((rows, len(s.windows), w)),
+        mean_base=np.zeros((rows, 2 + len(s.windows))),
         smaller=np.zeros((rows, w)),
         square_moved=np.zeros((rows, p)),
         square_past=np.zeros((2, rows, p)),
@@ -521,6 +537,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
     x.known[:] = 1.0
     x.widened[:] = 1.0
+    x.energy_share[:] = 1.0
     x.e[:] = math.nan
     x.best_square[:] = math.inf
     x.square[:] = math.inf

@@ -10,6 +10,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
+from msls_ros.estimation.bank_detection import student_square
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import bank_settings, independent_squares
 from msls_ros.inputs.derivatives import DerivativeFilter
@@ -18,10 +19,10 @@ INTERVALS = 4
 FAULT = 900
 
 
-def alarms(share: float) -> list[float]:
+def alarms(share: float, noise: float = 1e-3) -> list[float]:
     """Return the times of alarms: an effector keeps a share of its effect from `FAULT` on, while it is held.
 
-    Rates and deflections pass the window, the derivatives are its slopes.
+    Rates and deflections, with white noise, pass the window; the derivatives are its slopes.
     """
     n = 1200
     time = PERIOD * np.arange(n, dtype=np.float64)
@@ -36,7 +37,7 @@ def alarms(share: float) -> list[float]:
         before = x[k - 1]
         push = np.array([effect[k - 1] * delta[k - 1, 0], -4.0 * delta[k - 1, 1], delta[k - 1, 0]])
         x[k] = before + PERIOD * (push - np.array([3.0, 2.0, 1.0]) * before)
-    read = np.concatenate([x, delta], axis=1) + 1e-3 * math.sqrt(3.0) * uniform(n, 5, 95)
+    read = np.concatenate([x, delta], axis=1) + noise * math.sqrt(3.0) * uniform(n, 5, 95)
     window = DerivativeFilter(INTERVALS, 5, 10**9)
     kept = [one for t, row in zip(time, read, strict=True) if (one := window.push(round(t * 1e9), row)) is not None]
     smooth, slope = np.array([one.smooth for one in kept]), np.array([one.slope for one in kept])
@@ -53,8 +54,21 @@ def test_a_loss_is_seen_through_a_window_as_soon_as_the_window_is_past_it() -> N
     assert -0.5 * INTERVALS * PERIOD <= found[0] <= (INTERVALS + 2) * PERIOD
 
 
-def test_nothing_is_alarmed_where_nothing_changes() -> None:
-    assert alarms(1.0) == []
+def test_a_loss_that_noise_hides_sample_by_sample_is_seen_in_the_mean() -> None:
+    """Noise of slopes cancels in their sum, the error that a held input makes does not; squares alone say nothing."""
+    found = [time - PERIOD * FAULT for time in alarms(0.5, 6e-3)]
+    assert found and 0.1 < found[0] < 0.5
+
+
+@pytest.mark.parametrize("noise", [1e-3, 6e-3])
+def test_nothing_is_alarmed_where_nothing_changes(noise: float) -> None:
+    assert alarms(1.0, noise) == []
+
+
+@pytest.mark.parametrize(("free", "quantile"), [(5.0, 2.5706), (10.0, 2.2281), (30.0, 2.0423), (120.0, 1.9799)])
+def test_quantiles_of_students_t_are_those_of_the_tables(free: float, quantile: float) -> None:
+    """Two-sided, .05."""
+    assert math.sqrt(student_square(1.95996**2, free)) == pytest.approx(quantile, rel=3e-3)
 
 
 def test_batches_give_the_variance_by_what_the_estimates_move() -> None:
