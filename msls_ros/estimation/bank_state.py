@@ -186,6 +186,8 @@ class BankState(NamedTuple):
     """(p,) energy of their steps that is remembered."""
     gate: Array
     """(r,) present over remembered energy, at most 1."""
+    output_error: Array
+    """(r,) mean square of the mixture's prediction errors with estimates of half a second ago, over as long."""
     energy_share: Array
     """(r, m) the mean of that over what a free member remembers; 1 of held ones, which remember nothing else."""
     axis_gate: Array
@@ -430,6 +432,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         phi_last=np.zeros(p),
         step_remembered=np.zeros(p),
         gate=np.zeros(rows),
+        output_error=np.zeros(rows),
         energy_share=np.ones((rows, s.forgetting.shape[0])),
         axis_gate=np.ones((groups, 2)),
         ring=np.zeros((rows, w)),

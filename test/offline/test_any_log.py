@@ -108,8 +108,7 @@ def test_a_log_of_any_kind_gives_the_flight_s_numbers_by_one_command(
     for name, reference in sampled.items():
         row, column = name.split("/")
         value = last[model.states.index(row), columns.index(column)] * SIGNS[kind].get(column, 1.0)
-        # Q/Q, without noise: 1.36 % since evidence counts by the square of the energy, .06 % before
-        assert value == pytest.approx(reference, rel=0.015 if name == "Q/Q" else 0.01), (name, value, reference)
+        assert value == pytest.approx(reference, rel=0.01), (name, value, reference)
 
 
 def by_samples(flight: Flight, *, measured: bool) -> dict[str, float]:
