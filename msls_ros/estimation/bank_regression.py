@@ -189,9 +189,11 @@ class BankRegression:
         work.concerned[:] = 0
         work.concerned[list(rows)] = 1
         s = self.settings
-        compare_surfaces(s, x, 0, x.theta_before, x.square_before, KNOWN, work)
+        compare_surfaces(s, x, 0, x.theta_before, x.square_before, KNOWN, False, work)
         quick, chance = work.change.copy(), work.variance.copy()
-        excess = float(compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, work))
+        excess = float(
+            compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, False, work)
+        )
         apart = np.maximum(np.square(work.change - quick) - chance, 0.0)  # none where the quick one knows nothing
         return Losses(
             work.change.tolist(),

@@ -124,7 +124,7 @@ def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     before = x.mixed.copy()
     before[row, column] *= 1.25
     work.concerned[:] = [1, 0, 0]
-    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, work)
+    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, False, work)
     R = x.R[0, 1:, 1:, member]
     a = np.zeros(5)
     a[column - 1] = before[row, column]
@@ -145,9 +145,9 @@ def test_an_error_of_the_reference_is_an_error_of_what_is_left_in_proportion() -
         before = x.mixed.copy()
         before[row, column] *= part
         work.concerned[:] = [1, 0, 0]
-        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN, work)
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN, False, work)
         noise = 0.5 / work.information[0, 0] + TOLERANCE**2
         assert work.change[0] == pytest.approx(1.0 / part - 1.0, abs=0.1)
         assert math.sqrt(work.variance[0] - noise) == pytest.approx(relative * (1.0 + work.change[0]), rel=1e-9)
-        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(0.25 * before), KNOWN_WELL, work)
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(0.25 * before), KNOWN_WELL, True, work)
         assert work.variance[0] == math.inf, "what is known to a quarter does not alarm"
