@@ -14,8 +14,9 @@ the product of the ``s_j`` largest under the limit, and so the determinant of th
 by the inequality of the means). ``equal`` gives each the same rms times its weight. What effectors leave that are
 capped goes to the others (water filling).
 
-``E[g_j^2]`` is the square at the estimate plus its variance: an effector that is not known starts small, and grows as
-it becomes known.
+``E[g_j^2]`` is the true square plus the variance of the estimate: an effector that is not known starts small, and grows
+as it becomes known. That is what the square at the estimate is expected to be as it is: to add the variance would count
+it twice. What is used is the larger of the two.
 """
 
 from __future__ import annotations
@@ -63,14 +64,16 @@ def felt_square(b: Array, rows: Integers, station: Array, j: int, out: Array) ->
 
 
 @compiled
-def expected_square(b: Array, variance: Array, rows: Integers, station: Array, j: int, out: Array) -> float:
-    """Return ``E[g_j^2]`` [m^2/s^4/rad^2]: at the estimate, plus the variances of the entries; ``out`` as in `felt`."""
-    known = felt_square(b, rows, station, j, out)
+def uncertain_square(variance: Array, rows: Integers, station: Array, j: int) -> float:
+    """Return by how much ``g_j^2`` at the estimate is expected to exceed the true one [m^2/s^4/rad^2].
+
+    That is the variance of ``g_j``, by the variances (r, m) of the entries.
+    """
     roll, pitch, yaw = entry(variance, rows, 3, j), entry(variance, rows, 4, j), entry(variance, rows, 5, j)
     ahead, above, right = station[0] * station[0], station[1] * station[1], station[2] * station[2]
     spread = entry(variance, rows, 0, j) + entry(variance, rows, 1, j) + entry(variance, rows, 2, j)
     spread += roll * (above + right) + pitch * (ahead + above) + yaw * (ahead + right)
-    return float(known + spread)
+    return float(spread)
 
 
 @compiled

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.dither_allocation import allocate, expected_square, felt_square, worst_case
+from msls_ros.estimation.dither_allocation import allocate, felt_square, uncertain_square, worst_case
 from msls_ros.estimation.dither_answer import (
     ACCELERATION,
     CAPPED,
@@ -22,10 +22,12 @@ from msls_ros.estimation.dither_limits import (
     ACHIEVED,
     CAP,
     CORNER,
+    LONGEST,
     SEQUENCE,
     WEIGHT,
     Effectors,
     boost,
+    boost_left,
     command_gain,
     elapse,
     move,
@@ -33,7 +35,7 @@ from msls_ros.estimation.dither_limits import (
     settle,
 )
 from msls_ros.estimation.dither_window import enter_window, hold_back, rest
-from msls_ros.estimation.elementary import exponential
+from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import CREST, multisine
@@ -165,7 +167,7 @@ def choose(law: Law, x: Effectors, b: Array, limit: float, square: Array, caps: 
 
 @compiled
 def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Array, scratch: Array) -> bool:
-    """Fill in ``E[g_j^2]`` (m,); return whether all of B is finite.
+    """Fill in ``E[g_j^2]`` (m,), see `dither_allocation`; return whether all of B is finite.
 
     Where the variance is so large that an effector would get next to nothing it counts less, so that there is always
     something to learn from: ``START`` of the cap of an effector that is not excited, unless the square at the estimate
@@ -179,10 +181,11 @@ def weigh_entries(law: Law, x: Effectors, b: Array, variance: Array, square: Arr
             if not abs(b[q, j]) < LARGEST_EFFECT:
                 finite = False
         known = felt_square(b, law.rows, law.station, j, scratch)
-        square[j] = expected_square(b, variance, law.rows, law.station, j, scratch)
+        spread = uncertain_square(variance, law.rows, law.station, j)
+        square[j] = max(known, spread)
         least = START * law.cap_unreliable * x.limits[j, WEIGHT]
         if least > 0.0 and not square[j] * least * least < limit * limit:
-            square[j] = max(limit * limit / (least * least), 2.0 * known - square[j])
+            square[j] = max(limit * limit / (least * least), known - spread)
         if not square[j] < LARGE:
             square[j] = LARGE
     return finite
@@ -230,6 +233,8 @@ def inject(
         dt = elapse(x, time[k], law.period, law.stale_after)
         boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
         limit = law.limit_boosted if boosted else law.limit_nominal
+        raised = boosted and not boost_ends(law, x)
+        aim = law.limit_boosted if raised else law.limit_nominal
         finite = weigh_entries(law, x, known.b[k], known.variance[k], scratch[0, :m], scratch[3, :3])
         unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
         held = min(dt, law.stale_after)
@@ -248,17 +253,31 @@ def inject(
             out.reason[k] = NOT_FINITE
             continue
         square, caps, wave, three = scratch[0, :m], scratch[1, :m], scratch[2, :m], scratch[3, :3]
-        unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], boosted, held, caps)
-        out.rms[k], binds = choose(law, x, known.b[k], limit * GRAVITY, square, caps)
+        unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], raised, held, caps)
+        out.rms[k], binds = choose(law, x, known.b[k], aim * GRAVITY, square, caps)
         lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
         waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
         predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k]) * math.sqrt(together)
         if unit > 0.0:
-            hold_back(law, x, known.b[k], unit, delta[k], dt, three, out.delta[k])
+            least = unit * (limit * limit) / (aim * aim) if aim > 0.0 else unit
+            hold_back(law, x, known.b[k], least, delta[k], dt, three, out.delta[k])
         if law.worst_case:
             predicted = worst_case(known.b[k], x.wanted, law.rows, law.station)
         out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
         out.reason[k] = reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def boost_ends(law: Law, x: Effectors) -> bool:
+    """Whether what a boost commands now would be felt beyond its end as more than the nominal limit allows.
+
+    The slowest actuator sheds it in ``ln(boosted/nominal)`` time constants, after the interval of the command. Eq 23,
+    which is for the paper, does not ask.
+    """
+    if law.worst_case or not law.limit_boosted > law.limit_nominal > 0.0:
+        return False
+    constant = 2.0 * law.rest
+    return bool(boost_left(x) < x.clock[LONGEST] + constant * logarithm(law.limit_boosted / law.limit_nominal))
 
 
 @compiled

@@ -261,6 +261,12 @@ def boost(x: Effectors, dt: float, alarmed: bool, duration: float, budget: float
     return bool(boosted)
 
 
+@compiled
+def boost_left(x: Effectors) -> float:
+    """Return how long the boost of now will last at least, after `boost`: to its end, or that of its budget [s]."""
+    return float(min(x.clock[BOOST_END] - x.clock[LAST], x.clock[BOOST_LEFT]))
+
+
 def positions(low: tuple[float, ...], high: tuple[float, ...], m: int) -> Array:
     """Return (m, 2) lowest and highest positions [rad]; infinite where none is given."""
     return np.column_stack([low or (-math.inf,) * m, high or (math.inf,) * m])
