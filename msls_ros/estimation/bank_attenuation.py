@@ -47,7 +47,9 @@ NOTICED = 1e-3
 ANSWERED = 25.0
 """Squared standard errors by which an output must answer an effector once, for what it does to be motion.
 
-What is known to less than that is not known to a fifth of itself in any row.
+What is known to less than that is not known to a fifth of itself in any row. The size of each effect that is, is kept:
+when the effector dies, what is left is held against it (`model`). F-16, medium noise, seeds 100 to 119: share of B that
+is called reliable with the nozzle lost .176 -> .206, tail .202 -> .210, cruise .309 -> .316, as well covered (.98).
 """
 LEAST = 0.01
 """Least share of the information that is taken for motion: the error is at most a hundred times as large."""
@@ -142,11 +144,14 @@ def doubt(s: BankSettings, x: BankState, i: int) -> float:
 
 @compiled
 def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares: Array) -> None:
-    """Note whether row q's output answers an effector for certain; of what `widen` made of its squared errors (p,)."""
+    """Note which effectors row q's output answers for certain; of what `widen` made of its squared errors (p,)."""
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
-        if ANSWERED * (squares[i] - bias[i]) < x.widened[q, i] * x.mixed[q, i] * x.mixed[q, i]:
+        square = x.mixed[q, i] * x.mixed[q, i]
+        if ANSWERED * (squares[i] - bias[i]) < x.widened[q, i] * square:
             x.answered[j] = 1
+        if ANSWERED * squares[i] < square:
+            x.effect[q, j] = abs(x.mixed[q, i])
 
 
 @compiled

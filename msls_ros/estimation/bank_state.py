@@ -284,6 +284,8 @@ class BankState(NamedTuple):
     """(c,) variance of the noise in the deflections."""
     answered: Integers
     """(c,) 1 once an output has answered the effector for certain, see `bank_attenuation`."""
+    effect: Array
+    """(r, c) size of each effect when it was last known so well."""
     widened: Array
     """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
     pending: Integers
@@ -481,6 +483,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         state_median=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),
+        effect=np.zeros((rows, effectors)),
         widened=np.ones((rows, p)),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),

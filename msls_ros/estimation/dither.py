@@ -50,7 +50,7 @@ class DitherLaw:
         self._rows = rows_of(configuration.rows)
         self._effectors = len(configuration.effectors)
         self._seed = configuration.dither.seed
-        self._scratch = np.zeros((4, self._effectors + 3))
+        self._scratch = np.zeros((5, self._effectors + 3))
         self._inject = Bound(inject)
         self.configure(configuration)
         self.reset()

@@ -33,8 +33,11 @@ WINDOW = 1.0
 """Over which the rms of the acceleration is held [s]."""
 AHEAD = 0.2
 """What is left of the window's square is spent over this time [s]."""
-MOST = 1.0
-"""Largest rms over the window that is aimed at, over the limit: B-hat errs, intervals vary."""
+MOST = 0.98
+"""Largest rms over the window that is aimed at, over the limit: B-hat errs, intervals vary.
+
+With 1.0 the worst second of 20 flights (tail) is 1.02 and 1.04 of the limit without and at low noise, now 1.00, 1.01.
+"""
 PROMISED = 1.1
 """Largest rms over the window, over the limit, also when no sample comes any more."""
 INTERVALS = 20.0

@@ -25,12 +25,15 @@ from msls_ros.estimation.kernel import Array
 
 
 @compiled
-def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float, scratch: Array) -> float:
+def modelled_square(
+    law: Law, x: Effectors, b: Array, unsure: Array, ahead: float, part: float, scratch: Array
+) -> float:
     """Square of the acceleration at the station by the dither's share of the surfaces, by B-hat [m^2/s^4].
 
-    Now, or ``ahead`` [s] of now when ``part`` of the last commands has been held so long.
+    Now, or ``ahead`` [s] of now when ``part`` of the last commands has been held so long; and what errors of B-hat may
+    add, ``unsure`` (m,) [m^2/s^4/rad^2] of each effector.
     """
-    axial = lateral = normal = 0.0
+    axial = lateral = normal = besides = 0.0
     for j in range(x.surface.shape[0]):
         felt(b, law.rows, law.station, j, scratch)
         surface = x.surface[j]
@@ -41,7 +44,8 @@ def modelled_square(law: Law, x: Effectors, b: Array, ahead: float, part: float,
         axial += scratch[0] * surface
         lateral += scratch[1] * surface
         normal += scratch[2] * surface
-    return axial * axial + lateral * lateral + normal * normal
+        besides += unsure[j] * surface * surface
+    return besides + axial * axial + lateral * lateral + normal * normal
 
 
 @compiled
@@ -55,7 +59,7 @@ def apart_square(law: Law, x: Effectors, b: Array, scratch: Array) -> float:
 
 @compiled
 def enter_window(
-    law: Law, x: Effectors, b: Array, unit: float, time: float, dt: float, scratch: Array
+    law: Law, x: Effectors, b: Array, unsure: Array, unit: float, time: float, dt: float, scratch: Array
 ) -> tuple[float, float]:
     """Enter the acceleration of the last interval of ``dt`` s, until ``time``.
 
@@ -64,26 +68,39 @@ def enter_window(
     tuple
         What factor the next commands may have, and what holding back leaves of the sum of the squares; both 0 to 1.
     """
-    resultant = modelled_square(law, x, b, 0.0, 0.0, scratch)
-    together = note_together(x, resultant, apart_square(law, x, b, scratch), exponential(-dt / ACHIEVED))
+    resultant = modelled_square(law, x, b, unsure, 0.0, 0.0, scratch)
+    besides = 0.0
+    for j in range(unsure.shape[0]):
+        besides += unsure[j] * x.surface[j] * x.surface[j]
+    together = note_together(
+        x, max(resultant - besides, 0.0), apart_square(law, x, b, scratch), exponential(-dt / ACHIEVED)
+    )
     return spend(x, time, dt, unit * resultant), together
 
 
 @compiled
-def held_square(law: Law, x: Effectors, b: Array, hold: float, part: float, scratch: Array) -> float:
+def held_square(law: Law, x: Effectors, b: Array, unsure: Array, hold: float, part: float, scratch: Array) -> float:
     """Integral of the square over ``hold`` s of ``part`` of the commands, and until the surfaces rest [m^2/s^3].
 
     Simpson's rule over the hold; what follows decays with the slowest actuator.
     """
-    now = modelled_square(law, x, b, 0.0, part, scratch)
-    middle = modelled_square(law, x, b, 0.5 * hold, part, scratch)
-    then = modelled_square(law, x, b, hold, part, scratch)
+    now = modelled_square(law, x, b, unsure, 0.0, part, scratch)
+    middle = modelled_square(law, x, b, unsure, 0.5 * hold, part, scratch)
+    then = modelled_square(law, x, b, unsure, hold, part, scratch)
     return hold * (now + 4.0 * middle + then) / 6.0 + law.rest * then
 
 
 @compiled
 def hold_back(
-    law: Law, x: Effectors, b: Array, unit: float, delta: Array, dt: float, scratch: Array, out: Array
+    law: Law,
+    x: Effectors,
+    b: Array,
+    unsure: Array,
+    unit: float,
+    delta: Array,
+    dt: float,
+    scratch: Array,
+    out: Array,
 ) -> None:
     """Lower the commands ``out`` (m,) where, held, they would overdraw the window.
 
@@ -93,11 +110,11 @@ def hold_back(
     for unforeseen in range(2):
         hold, most = (law.stale_after, PROMISED) if unforeseen else (x.clock[LONGEST], MOST)
         allowed = left_of_window(x, hold + 2.0 * law.rest, most) / unit
-        whole = held_square(law, x, b, hold, 1.0, scratch)
+        whole = held_square(law, x, b, unsure, hold, 1.0, scratch)
         if whole <= allowed:
             continue
-        nothing = held_square(law, x, b, hold, 0.0, scratch)
-        half = held_square(law, x, b, hold, 0.5, scratch)
+        nothing = held_square(law, x, b, unsure, hold, 0.0, scratch)
+        half = held_square(law, x, b, unsure, hold, 0.5, scratch)
         square = 2.0 * (whole + nothing) - 4.0 * half
         linear = whole - nothing - square
         part = 0.0

@@ -5,6 +5,9 @@ top of the known tangent of gravity and kinematics, and their standard errors. A
 decide enough of it and its standard error is small for its size::
 
     rho >= excitation   and   error <= max( relative_error |theta|, tolerance / scale )
+
+The bank has no rho. The size of an effect is there what it was when it was last known to a fifth, if that is more: that
+an effector is dead is known when the error is small against what it did (`bank_attenuation.observe_answers`).
 """
 
 from __future__ import annotations
@@ -181,7 +184,8 @@ def fill_bank_model(
             theta = state.theta[q, i]
             out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
             fixed = out.a[row, layout.kept[i]] if i < r else 0.0
-            allowed = max(layout.relative_error * abs(theta + fixed), layout.tolerance[i])
+            size = abs(theta + fixed) if not r <= i < last else max(abs(theta), state.effect[q, i - r])
+            allowed = max(layout.relative_error * size, layout.tolerance[i])
             reliable = errors[i] <= allowed and state.misfits[q] == 0
             if i == last:
                 out.bias[row] += theta

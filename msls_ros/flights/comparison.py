@@ -53,7 +53,9 @@ class Comparison:
 
 
 def realised_acceleration(time: Array, commands: Array, truth_b: Array, airframe: Airframe = F16_MATV) -> Array:
-    """Acceleration (n, 3) at the pilot's station by the dither alone [g] (eq 20), through first-order actuators.
+    """Acceleration (n, 3) at the pilot's station by the dither alone [g], through first-order actuators.
+
+    Eq 20 with the axial term ``-l2 Qdot`` that it leaves out: the station is a point of a rigid body.
 
     Parameters
     ----------
@@ -72,7 +74,7 @@ def realised_acceleration(time: Array, commands: Array, truth_b: Array, airframe
     for k in range(1, len(commands)):
         surface[k] = pole * surface[k - 1] + (1.0 - pole) * commands[k - 1]
     u, v, w, p, q, r = np.einsum("nij,nj->in", truth_b[:, :6], surface)
-    return np.stack([u, v + above * p + forward * r, w - forward * q], axis=1) / GRAVITY
+    return np.stack([u - above * q, v + above * p + forward * r, w - forward * q], axis=1) / GRAVITY
 
 
 def summarise(scenario: Scenario, c: Comparison) -> dict[str, Any]:

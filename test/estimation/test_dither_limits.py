@@ -5,7 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from estimation.dither_bench import STAMPS, M, accelerations, aircraft, clock, known, law, stamped, true_surfaces
+from estimation.dither_bench import (
+    STAMPS,
+    M,
+    accelerations,
+    aircraft,
+    clock,
+    drive,
+    known,
+    law,
+    stamped,
+    true_surfaces,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -123,3 +134,21 @@ def test_a_surface_at_its_stop_is_not_pushed_further() -> None:
         base = delta[k, 0] - surface
         assert block.delta[k, 0] <= max(0.0, 0.4 - base) + 1e-12
         surface = math.exp(-0.4) * surface + (1.0 - math.exp(-0.4)) * block.delta[k, 0]
+
+
+def test_where_b_errs_the_window_leaves_room_for_two_of_its_standard_errors() -> None:
+    largest, felt = np.zeros((2, 10)), np.zeros((2, 10))
+    for seed in range(10):
+        b = aircraft(seed)
+        wrong = b * (1.0 + 0.2 * np.random.default_rng(seed).standard_normal(b.shape))
+        for k, told in enumerate((0.2, 0.0)):
+            dither, c = law(seed=seed)
+            commands = drive(dither, known(500, wrong, std=told)).delta
+            _, _, fine = true_surfaces(clock(500), commands, 20.0, c.dither.stale_after)
+            g = np.linalg.norm(accelerations(b, fine, c), axis=1) / GRAVITY
+            step = np.full(len(g), 0.02 / 8)
+            largest[k, seed] = largest_of_windows(step, g, np.full(len(g), c.dither.limit_nominal))
+            felt[k, seed] = math.sqrt(np.mean(g[400:] ** 2)) / c.dither.limit_nominal
+    told, taken_for_exact = largest
+    assert (told <= 1.2).all() and (told > 1.1).sum() < (taken_for_exact > 1.1).sum()
+    assert np.median(felt[0]) > 0.8
