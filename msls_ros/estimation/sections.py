@@ -175,7 +175,12 @@ class ReliabilityParameters:
     excitation: float = parameter(
         0.8, "msls: least excitation rho: share of the parameter that the data decide", low=0.0, high=1.0
     )
-    relative_error: float = parameter(0.3, "largest standard error as a share of the estimate", low=0.0, high=100.0)
+    relative_error: float = parameter(
+        0.3,
+        "largest standard error as a share of the estimate; bank: or of what an effect was when last known to a fifth",
+        low=0.0,
+        high=100.0,
+    )
     tolerance: float = parameter(
         0.0, "standard error that is always good enough, output per scale of the regressor", low=0.0
     )

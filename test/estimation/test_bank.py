@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "331ca12b316c210392906b3ff019660b"
+PINNED = "dfab97656405ba4a523e41dfdae2a8bf"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
