@@ -43,10 +43,16 @@ from msls_ros.inputs.profiles import read_profile
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.quality import INPUT
 
-__all__ = ["PATIENCE", "Bench", "IdentifierBench"]
+__all__ = ["PATIENCE", "WITHOUT_SHARED_MEMORY", "Bench", "IdentifierBench"]
 
 PATIENCE = 300.0
 """Wall clock after which what was waited for will not come [s]."""
+WITHOUT_SHARED_MEMORY = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+"""Environment of node processes that a test kills.
+
+What they leave in shared memory can take a process down that opens it later, and that is no exception that could be
+caught (https://github.com/eProsima/Fast-DDS/issues/6501).
+"""
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
 SomeNode = TypeVar("SomeNode", bound=Node)

@@ -28,7 +28,7 @@ from msls_ros.commands import reference
 from msls_ros.flights.scenarios import find_scenario
 from msls_ros.inputs import InputMap
 from msls_ros.inputs.profiles import read_inputs, read_profile
-from msls_ros.testing import Bench
+from msls_ros.testing import WITHOUT_SHARED_MEMORY, Bench
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -258,7 +258,7 @@ def test_the_commands_on_a_bag_run_one_after_the_other(
 
 def test_the_identifier_takes_the_example_of_a_stack(bench: Bench) -> None:
     (command,) = (command for command in RUN_BY if "my_stack.yaml" in command)
-    node = process(command, ROS_DOMAIN_ID=str(bench.domain))
+    node = process(command, ROS_DOMAIN_ID=str(bench.domain), **WITHOUT_SHARED_MEMORY)
     try:
         for count, topic in (
             (bench.probe.count_subscribers, "/joint_states"),
