@@ -301,8 +301,8 @@ class BankState(NamedTuple):
     kept_square: Array
     """(w, r, p) their squared standard errors."""
     innovation: Array
-    """(a, r, 4) of the members that are compared: weighted sums of squares, of products of successive ones, of the
-    weights, and the last one, see `bank_losses`."""
+    """(a, r, 5) of the members that are compared: weighted sums of squares, of products of successive ones, of the
+    weights, the last one, and the energy that the output had in what they remember, see `bank_losses`."""
     run: Integers
     """(a,) how many times in a row a loss was seen, see `bank_losses`."""
     suspect: Integers
@@ -491,7 +491,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         kept=np.zeros(2, np.int64),
         kept_theta=np.zeros((kept, rows, p)),
         kept_square=np.zeros((kept, rows, p)),
-        innovation=np.zeros((len(s.loss_members), rows, 4)),
+        innovation=np.zeros((len(s.loss_members), rows, 5)),
         run=np.zeros(len(s.loss_members), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
         misfits=np.zeros(rows, np.int64),
