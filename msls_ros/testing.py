@@ -51,7 +51,7 @@ WITHOUT_SHARED_MEMORY = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
 """Environment of node processes that a test kills.
 
 What they leave in shared memory can take a process down that opens it later, and that is no exception that could be
-caught (https://github.com/eProsima/Fast-DDS/issues/6501).
+caught (https://github.com/eProsima/Fast-DDS/issues/6501, on Windows; that it happens here was not shown).
 """
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""

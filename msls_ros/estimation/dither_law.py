@@ -52,8 +52,9 @@ ERRORS = 2.0
 """Standard errors of B-hat that the window of a second allows for.
 
 Largest rms of 1 s over its limit, 20 flights at medium noise, none and 2: tail 1.11, 1.03, cruise 1.24, 1.10, J-3
-1.16, 1.06, A-4 1.32, 1.22; errors before the loss are the same. If it counted in full of what is not known, that would
-get little and not be learnt: at a third of the limit the error before the loss is 41 % then, not 23.
+1.16, 1.06, A-4 1.32, 1.22; errors before the loss 6.9, 6.9, 5.2, 5.7, 4.6, 4.9, 2.3, 2.6 %. If it counted in full of
+what is not known, that would get little and not be learnt: at a third of the limit the error before the loss is 41 %
+then, not 23.
 """
 START = 0.7
 """An effector of which nothing is known gets at least this part of `dither.cap_unreliable` (docs/choosing.md)."""

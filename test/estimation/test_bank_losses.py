@@ -58,15 +58,18 @@ def test_half_an_effector_lost_in_noise_is_seen_and_named_with_an_honest_share()
     assert np.median(off) < 1.5 and max(off) < 3.0
 
 
-@pytest.mark.parametrize("seed", [104, 108])
-def test_that_an_effect_is_gone_is_known_when_the_error_is_small_for_what_it_was(seed: int) -> None:
-    time, x, xdot, delta = noisy(seed, left=1.0, n=900)
-    xdot[FAULT:, 0] -= 8.0 * delta[FAULT:, 0]
-    estimates = Identifier(from_mapping(SMALL)).run(time, x, xdot, delta).estimates
-    before, after = estimates[FAULT - 1], estimates[-1]
-    assert before.b_reliable[0, 0] and before.b[0, 0] == pytest.approx(8.0, abs=2.0)
-    assert after.b_reliable[0, 0] and abs(after.b[0, 0]) < 2.0 * after.b_std[0, 0] < 0.6 * 8.0
-    assert after.b_std[0, 0] > 0.3 * abs(after.b[0, 0]), "a share of nothing would not be small enough"
+def test_that_an_effect_is_gone_is_known_when_the_error_is_small_for_what_it_was() -> None:
+    known = 0
+    for seed in range(100, 140, 4):
+        time, x, xdot, delta = noisy(seed, left=1.0, n=900)
+        xdot[FAULT:, 0] -= 8.0 * delta[FAULT:, 0]
+        estimates = Identifier(from_mapping(SMALL)).run(time, x, xdot, delta).estimates
+        before, after = estimates[FAULT - 1], estimates[-1]
+        assert before.b_reliable[0, 0] and before.b[0, 0] == pytest.approx(8.0, abs=2.0)
+        assert abs(after.b[0, 0]) < 2.0 * after.b_std[0, 0]
+        assert after.b_std[0, 0] > 0.3 * abs(after.b[0, 0]), "a share of nothing would not be small enough"
+        known += bool(after.b_reliable[0, 0])
+    assert known >= 9
 
 
 def test_it_is_this_test_that_sees_it() -> None:
