@@ -6,17 +6,17 @@ an effector that has rested since, and errs when it moves again.) Over windows o
 errors is compared with the nominal one, each in units of what noise alone reaches once in 1e8 samples (quantile q_l of
 chi^2_l / l); the largest counts::
 
-    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, moved) + floor^2 energy )       alarm: T > threshold
+    T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, mean_l moved_k) + floor^2 energy )
 
-``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2`` what the
-standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.motion`) to be
-mispredicted by, ``energy`` what the output had when it was excited (`bank_energy`): model errors go with the manoeuvre,
-and the floor does not fade in the quiet before the next one. What is mispredicted while nothing moves is no model
-error, so the floor can be low. ``d`` is that of the reference member, the longest memory, and ``n`` by how much a
-regressor exceeds all that was seen of it: what is excited for the first time cannot be called changed; it is learnt: no
-alarm for a second after a regressor goes five times as far as ever before. Where one goes twice as far as usual, the
-error that its own standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all
-samples. No noise level enters anywhere.
+An alarm is ``T > threshold``. ``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2``
+what the standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.motion`) to be
+mispredicted by, at the time of each error: that the motion has ended excuses its errors no less. ``energy`` is what the
+output had when it was excited (`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the
+quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor can be low. ``d`` is
+that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
+what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
+five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
+added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
@@ -27,7 +27,7 @@ Slopes of rates are noisy, but their sum is a difference of two rates, while an 
 held for longer than a sample. So of rows that are differentiated the mean prediction error over a window is looked at
 too, with its sign, against what it is usually, and no less is allowed for model error than above::
 
-    T = max_l  (mean_l e)^2 / ( max(t^2 base_l, q_l moved) + q_l floor^2 energy )
+    T = max_l  (mean_l e)^2 / ( max(t^2 base_l, q_l mean_l moved_k) + q_l floor^2 energy )
 
 ``base_l`` is the mean of older such squares, t that quantile of Student's with as many degrees of freedom as the
 windows in it that do not overlap, half as many again for those that do: ``1.5 (sum w)^2 / (l sum w^2)`` by its weights.
@@ -135,10 +135,12 @@ def sense_bank(
         smaller = min(square, error * error)
         surprise = smaller / expected
         signed = (sharp if square < error * error else error) / math.sqrt(expected)
-        nominal, unknown = nominal_square(s, x, q), unknown_square(s, x, q, phi)
-        statistic[q] = change_of(s, x, q, surprise, nominal, unknown)
-        if s.differenced[q] != 0 and nominal < math.inf:
-            statistic[q] = max(statistic[q], mean_change_of(s, x, q, signed, unknown))
+        moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
+        armed = x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest
+        if armed:
+            statistic[q] = change_of(s, x, q, surprise, moved, unknown)
+            if s.differenced[q] != 0:
+                statistic[q] = max(statistic[q], mean_change_of(s, x, q, signed, moved, unknown))
         limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
         if statistic[q] > limit and x.learning[0] == 0:
             alarm[q] = 1
@@ -146,7 +148,7 @@ def sense_bank(
         else:
             if s.differenced[q] != 0 and x.counted[q] >= 0:
                 remember_mean(s, x, q, signed)
-            remember_square(s, x, q, square, smaller, surprise)
+            remember_square(s, x, q, square, smaller, surprise, moved)
     if x.alert[0] > 0:
         x.alert[0] -= 1
         return any_alarm
@@ -189,16 +191,6 @@ def unknown_square(s: BankSettings, x: BankState, q: int, phi: Array) -> float:
 
 
 @compiled
-def nominal_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Return the squared error that row q has usually; infinite while the detector is not armed."""
-    if x.counted[q] < x.ring.shape[1] or x.base[q, 1] < s.rest:
-        return math.inf
-    usual = max(x.base[q, 2] / x.base[q, 1], moved_square(s, x, q))
-    nominal = usual + s.floor * s.floor * x.remembered[q]
-    return nominal if nominal > 0.0 else math.inf
-
-
-@compiled
 def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
     """Square that the noise in the deflections hardly ever makes of regressor i (constant first); 0 for states."""
     if not s.effectors_from < i <= s.effectors_to:
@@ -220,45 +212,52 @@ def moved_square(s: BankSettings, x: BankState, q: int) -> float:
 
 
 @compiled
-def change_of(s: BankSettings, x: BankState, q: int, surprise: float, nominal: float, unknown: float) -> float:
-    """Return the statistic of row q with the squared error of now; 0 where none is nominal.
+def change_of(s: BankSettings, x: BankState, q: int, surprise: float, moved: float, unknown: float) -> float:
+    """Return the statistic of row q, armed, with the squared error of now and what the motion of now allows of it.
 
     The error of an estimate is the same in all samples of a window, it does not average: its quantile is that of one.
     """
-    if nominal == math.inf:
-        return 0.0
     size = x.ring.shape[1]
     total = surprise
+    allowed = moved
     taken = 1
     largest = 0.0
+    usual = x.base[q, 2] / x.base[q, 1]
+    floor = s.floor * s.floor * x.remembered[q]
     for i in range(s.windows.shape[0]):
         while taken < s.windows[i]:
-            total += x.surprise[q, (x.counted[q] - taken) % size]
+            slot = (x.counted[q] - taken) % size
+            total += x.surprise[q, slot]
+            allowed += x.allowed[q, slot]
             taken += 1
-        value = total / s.windows[i] / (nominal * s.quantiles[q, i] + unknown * s.quantiles[q, 0])
-        if value > largest:
-            largest = value
+        nominal = max(usual, allowed / s.windows[i]) + floor
+        limit = nominal * s.quantiles[q, i] + unknown * s.quantiles[q, 0]
+        if total > largest * limit * s.windows[i]:
+            largest = total / s.windows[i] / limit if limit > 0.0 else 0.0
     return largest
 
 
 @compiled
-def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, unknown: float) -> float:
+def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, moved: float, unknown: float) -> float:
     """Return the statistic of the mean prediction errors of row q, armed and differenced, with the one of now."""
     size = x.ring.shape[1]
     total = signed
+    allowed = moved
     taken = 1
     largest = 0.0
-    moved = moved_square(s, x, q)
     floor = s.floor * s.floor * x.remembered[q]
     sums = x.mean_base[q]
     for i in range(1, s.windows.shape[0]):
         while taken < s.windows[i]:
-            total += x.signed[q, (x.counted[q] - taken) % size]
+            slot = (x.counted[q] - taken) % size
+            total += x.signed[q, slot]
+            allowed += x.allowed[q, slot]
             taken += 1
         mean = total / s.windows[i]
         free = OVERLAP * sums[0] * sums[0] / sums[1] / s.windows[i]
         noise = student_square(s.quantiles[q, 0], free) * sums[i + 2] / sums[0]
-        nominal = max(noise, s.quantiles[q, i] * moved) + s.quantiles[q, i] * floor + s.quantiles[q, 0] * unknown
+        model = s.quantiles[q, i] * (allowed / s.windows[i])
+        nominal = max(noise, model) + s.quantiles[q, i] * floor + s.quantiles[q, 0] * unknown
         if mean * mean > largest * nominal:
             largest = mean * mean / nominal if nominal > 0.0 else 0.0
     return largest
@@ -294,7 +293,9 @@ def remember_mean(s: BankSettings, x: BankState, q: int, signed: float) -> None:
 
 
 @compiled
-def remember_square(s: BankSettings, x: BankState, q: int, square: float, smaller: float, surprise: float) -> None:
+def remember_square(
+    s: BankSettings, x: BankState, q: int, square: float, smaller: float, surprise: float, moved: float
+) -> None:
     """Push a squared error into row q's window, after the rest; what leaves it enters the nominal one."""
     if x.counted[q] < 0:
         x.counted[q] += 1
@@ -312,6 +313,7 @@ def remember_square(s: BankSettings, x: BankState, q: int, square: float, smalle
     x.smaller[q, slot] = smaller
     x.ring[q, slot] = square
     x.surprise[q, slot] = surprise
+    x.allowed[q, slot] = moved
     x.counted[q] += 1
 
 

@@ -3,6 +3,9 @@
 `bank_losses` says which surface keeps the share ``1 + c`` of its effect. The effectors' columns move by c along its
 direction a in all estimates of the rows concerned, and the factors lose their information along a, so that it is learnt
 anew with all else known.
+
+A surface that is named after an alarm has lost its effect on all rows, though some show it too little to alarm. They
+take over what is left of it by `spread_loss`, and its error, from what they knew before the alarm.
 """
 
 from __future__ import annotations
@@ -10,7 +13,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import find_information
-from msls_ros.estimation.bank_losses import noise_of
+from msls_ros.estimation.bank_losses import KNOWN, noise_of
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -24,8 +27,20 @@ more from 3 on.
 
 
 @compiled
-def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
-    """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone."""
+def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: float, work: BankWork) -> None:
+    """Let the rows concerned know that surface k has changed: shift their estimates, forget that direction alone.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state; ``x.theta_before`` says what the rows knew.
+    k
+        Which surface.
+    change, error
+        Of its effect, and standard error of that, as shares of the effect [1].
+    work
+        ``concerned`` says which rows.
+    """
     for g in range(x.age.shape[0]):
         inside, others = count_rows(x, g, work)
         if inside == 0:
@@ -40,14 +55,49 @@ def apply_loss(s: BankSettings, x: BankState, k: int, work: BankWork) -> None:
             if x.group[q] == g and work.concerned[q] != 0:
                 x.group[q] = target
                 effect = effect_of(s, x.theta_before[q], k)
-                precision = max(precision, effect * effect / noise_of(s, x, q, s.loss_members.shape[0] - 1))
-                shift_row(s, x, q, k, effect * (1.0 + work.change[k]))
+                square = error * error * effect * effect
+                precision = max(precision, square / noise_of(s, x, q, s.loss_members.shape[0] - 1))
+                shift_row(s, x, q, k, effect * (1.0 + change))
         for m in range(s.forgetting.shape[0]):
             forget_direction(s, x.R[target], m, k, precision, work)
         find_information(x.R[target], work.V, x.info[target])
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0
+
+
+@compiled
+def spread_loss(s: BankSettings, x: BankState, k: int, change: float, error: float, back: int, work: BankWork) -> None:
+    """Let the rows that have not alarmed, but knew the effect of surface k, know that it has changed.
+
+    Parameters
+    ----------
+    s, x, k, change, error
+        As `apply_loss`.
+    back
+        Strides since before the alarm.
+    work
+        ``concerned`` says which rows have alarmed.
+    """
+    if back >= x.kept_theta.shape[0] or back >= x.kept[0]:
+        return
+    slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
+    before, square = x.kept_theta[slot], x.kept_square[slot]
+    others = 0
+    for q in range(x.group.shape[0]):
+        alarmed = work.concerned[q] != 0 or x.pending[q] != 0 or x.waiting[x.group[q]] != 0
+        effect, variance = effect_of(s, before[q], k), 0.0
+        for j in range(s.shares.shape[1]):
+            if s.shares[k, j] != 0.0:
+                variance += s.shares[k, j] * s.shares[k, j] * square[q, s.effectors_from + 1 + j]
+        known = variance < KNOWN * KNOWN * effect * effect
+        work.concerned[q] = 1 if known and not alarmed and noise_of(s, x, q, s.loss_members.shape[0] - 1) > 0.0 else 0
+        others += work.concerned[q]
+        if work.concerned[q] != 0:
+            for i in range(before.shape[1]):
+                x.theta_before[q, i] = before[q, i]
+    if others > 0:
+        apply_loss(s, x, k, change, error, work)
 
 
 @compiled

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from msls_ros.estimation.bank_forgetting import spread_loss
 from msls_ros.estimation.bank_isolation import Losses
 from msls_ros.estimation.bank_losses import KNOWN, compare_surfaces
 from msls_ros.estimation.bank_restoring import restore_effectors
@@ -174,6 +175,23 @@ class BankRegression:
         self._work.concerned[:] = 0
         self._work.concerned[list(rows)] = 1
         restore_effectors(self.settings, self.state, surface, self._work)
+
+    def spread(self, rows: Sequence[int], surface: int, change: float, error: float, since: float) -> None:
+        """Let all but these rows know what is left of a surface that is named.
+
+        Parameters
+        ----------
+        rows
+            Those that alarmed.
+        surface, change, error
+            Which, change of its effect and standard error of that, as shares of the effect [1].
+        since
+            Time since the first of the alarms [s].
+        """
+        self._work.concerned[:] = 0
+        self._work.concerned[list(rows)] = 1
+        back = math.ceil(since / (self.settings.period * self.settings.stride)) + 1
+        spread_loss(self.settings, self.state, surface, change, error, back, self._work)
 
     def settle(self, row: int) -> None:
         """Let go of what was known of a row before its alarm."""

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from msls_ros.estimation.bank_losses import EVERY
 from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
@@ -219,6 +220,7 @@ def make_bank_settings(
         loss_members=np.array(near, np.int64),
         loss_delays=np.array([max(1, round(back / period / stride)) for _, back in LOSSES], np.int64),
         stride=stride,
+        persistence=max(3, round(LOSSES[0][0] / (EVERY * period))),
         batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
         batch_factor=np.array([factor for _, factor in BATCHES]),
         followed_row=-1,

@@ -120,6 +120,8 @@ class BankSettings(NamedTuple):
     """(a,) by how much older, in strides."""
     stride: int
     """Samples between estimates that are kept for that."""
+    persistence: int
+    """How many times in a row a loss must be seen."""
     batches: Integers
     """(k,) samples of the batches of which the estimates' moves are taken, see `bank_batches`."""
     batch_factor: Array
@@ -196,6 +198,8 @@ class BankState(NamedTuple):
     """(r, w) last squared prediction errors of the sharpest member."""
     surprise: Array
     """(r, w) the same, or the mixture's if smaller, over 1 + d of the reference member and what is new."""
+    allowed: Array
+    """(r, w) what its standard errors allowed the motion to be mispredicted by, squared."""
     signed: Array
     """(r, w) the prediction errors whose squares these are, of differenced rows."""
     mean_square: Array
@@ -304,7 +308,7 @@ class BankState(NamedTuple):
     """(a, r, 5) of the members that are compared: weighted sums of squares, of products of successive ones, of the
     weights, the last one, and the energy that the output had in what they remember, see `bank_losses`."""
     run: Integers
-    """(a,) how many times in a row a loss was seen, see `bank_losses`."""
+    """(a, 2) how many times in a row a loss was seen, and surely, see `bank_losses`."""
     suspect: Integers
     """(a,) of which surface."""
     misfits: Integers
@@ -439,6 +443,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         axis_gate=np.ones((groups, 2)),
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
+        allowed=np.zeros((rows, w)),
         signed=np.zeros((rows, w)),
         mean_square=np.zeros((rows, len(s.windows), w)),
         mean_base=np.zeros((rows, 2 + len(s.windows))),
@@ -492,7 +497,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         kept_theta=np.zeros((kept, rows, p)),
         kept_square=np.zeros((kept, rows, p)),
         innovation=np.zeros((len(s.loss_members), rows, 5)),
-        run=np.zeros(len(s.loss_members), np.int64),
+        run=np.zeros((len(s.loss_members), 2), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank_isolation import Decision, find_name
+from msls_ros.estimation.bank_isolation import Decision, Name, find_name
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import THRESHOLD
 from msls_ros.estimation.configuration import Configuration
@@ -131,7 +131,7 @@ class Supervisor:
         losses = regression.losses(found) if found and isinstance(regression, BankRegression) else None
         name = self._decision.take(find_name(losses, self._surfaces, limits) if losses else None)
         if name is not None and isinstance(regression, BankRegression):
-            self._restore(time, regression, name.surface)
+            self._apply(time, regression, name)
         for q, since in sorted(self._isolating.items()):
             if (name is not None and q in found) or time - since > limits.window:
                 del self._isolating[q]
@@ -148,11 +148,15 @@ class Supervisor:
         of = (name.statistic,), (limits.significance,)
         return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
 
-    def _restore(self, time: float, regression: BankRegression, surface: str) -> None:
-        """Give the rows that the alarm has begun anew what they knew of all other surfaces than the one named."""
+    def _apply(self, time: float, regression: BankRegression, name: Name) -> None:
+        """Let all equations know the name: those that have begun anew take back what they knew of other surfaces."""
         rate = self._c.sample_rate
-        begun = [q for q, since in sorted(self._isolating.items()) if regression.age(q) < (time - since) * rate + 1.5]
-        regression.restore(begun, [one.name for one in self._surfaces].index(surface))
+        watched = sorted(self._isolating.items())
+        begun = [q for q, since in watched if regression.age(q) < (time - since) * rate + 1.5]
+        surface = [one.name for one in self._surfaces].index(name.surface)
+        regression.restore(begun, surface)
+        first = min(since for _, since in watched)
+        regression.spread([q for q, _ in watched], surface, name.left - 1.0, name.error, time - first)
 
     def _suspects(self, regression: Engine, q: int) -> list[Suspect]:
         """Return the columns that changed in row q: effectors, or else states, within the limits."""

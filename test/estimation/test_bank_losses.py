@@ -11,13 +11,24 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
 from msls_ros.estimation.bank_forgetting import forget_direction
 from msls_ros.estimation.bank_isolation import Losses, find_name
-from msls_ros.estimation.bank_losses import KNOWN, KNOWN_WELL, TOLERANCE, compare_surfaces
+from msls_ros.estimation.bank_losses import (
+    EVERY,
+    KNOWN,
+    KNOWN_WELL,
+    LIMIT,
+    SURE,
+    TOLERANCE,
+    compare_surfaces,
+    find_loss,
+)
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.surfaces import read_surfaces
 
 Flight = tuple[Array, Array, Array, Array]
 FAULT = 250
+LONG = 10
+"""Tests in the memory of the shortest member."""
 NOISE = 0.5
 """As large as what half of the effector does to P."""
 
@@ -82,6 +93,43 @@ def test_it_is_this_test_that_sees_it() -> None:
 def test_nothing_is_alarmed_where_nothing_breaks() -> None:
     for seed in range(200, 240, 4):
         assert events_of(Identifier(from_mapping(SMALL)), noisy(seed, left=1.0)) == []
+
+
+def test_a_loss_is_alarmed_when_it_has_been_seen_as_long_as_the_shortest_member_remembers() -> None:
+    """Or, where it is far beyond the limit, half as long; at once then, and never sooner."""
+    assert 0.4 / PERIOD / EVERY == LONG
+    how = set()
+    for seed in range(100, 140, 4):
+        identifier = Identifier(from_mapping(SMALL))
+        engine = engine_of(identifier)
+        seen: list[list[float]] = [[] for _ in engine.settings.loss_members]
+        for sample in zip(*noisy(seed), strict=True):
+            identifier.learn(*sample)
+            if identifier.alarms:
+                break
+            if engine.state.samples[0] % EVERY == 0:
+                for a, one in enumerate(seen):
+                    one.append(loss_of(engine, a))
+        assert identifier.alarms and engine.state.samples[0] > FAULT
+        for one in seen:
+            for end in range(LONG, len(one) + 1):
+                assert min(one[end - LONG : end]) <= LIMIT and min(one[end - LONG // 2 : end]) <= SURE
+        long, sure = (max(min(one[-k:]) for one in seen) for k in (LONG - 1, LONG // 2 - 1))
+        assert long > LIMIT or sure > SURE
+        how.add(long > LIMIT)
+    assert how == {True, False}
+
+
+def loss_of(engine: BankRegression, a: int) -> float:
+    """Return by how many standard errors the effect of da has decreased for one of the members, if that is a loss."""
+    s, x, work = engine.settings, engine.state, engine._work
+    back = int(s.loss_delays[a])
+    if x.kept[0] - x.kept[1] <= back:
+        return 0.0
+    slot = (x.kept[0] - 1 - back) % len(x.kept_theta)
+    work.concerned[:] = 1
+    excess = compare_surfaces(s, x, a, x.kept_theta[slot], x.kept_square[slot], KNOWN_WELL, True, work)
+    return float(work.deviation[0]) if find_loss(work, excess) == 0 else 0.0
 
 
 def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ever_seen() -> None:

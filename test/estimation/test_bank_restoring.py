@@ -87,6 +87,30 @@ def test_what_a_name_takes_back_counts_as_learnt_from_motion_and_a_prior_of_a_st
     assert kept == pytest.approx([alone[0] - 0.9, alone[1]])
 
 
+def test_a_name_tells_the_rows_that_did_not_alarm_what_is_left() -> None:
+    """Noise hides the loss in R, where the surface has an effect as well; P has alarmed, and the surface has a name."""
+    errors = {False: 0.0, True: 0.0}
+    covered = 0
+    for seed in range(3, 13):
+        time, x, xdot, delta = broken(0.5, seed=seed, n=320)
+        xdot[:, 2] += 0.4 * uniform(len(time), 3, seed + 50)[:, 2]
+        xdot[:, 2] += np.where(np.arange(len(time)) < FAULT, 4.0, 2.0) * delta[:, 0]
+        for told in errors:
+            identifier = Identifier(from_mapping(SMALL))
+            if not told:
+                engine_of(identifier).spread = lambda *_: None  # type: ignore[method-assign]
+            estimates = identifier.run(time, x, xdot, delta).estimates
+            events = [(i, v) for i, e in enumerate(estimates) for v in e.events]
+            assert all("R" not in v.equations for _, v in events), "noise hides it"
+            named = next(i for i, v in events if v.kind == EventKind.ISOLATED)
+            after = estimates[named + 1]
+            assert after.b[0, 0] == pytest.approx(4.0, abs=0.5) and abs(estimates[named + 1].b[1, 1] + 4.0) < 0.1
+            errors[told] += abs(after.b[2, 0] - 2.0)
+            covered += told and abs(after.b[2, 0] - 2.0) < 2.0 * after.b_std[2, 0]
+    assert errors[True] < 0.5 * errors[False]
+    assert covered >= 9
+
+
 @pytest.mark.parametrize("beside", [False, True])
 def test_a_change_too_small_to_be_alarmed_alone_is_where_another_row_alarms(beside: bool) -> None:
     flight = broken(0.0 if beside else 1.0, on_r=0.035)

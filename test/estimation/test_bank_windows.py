@@ -10,7 +10,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
-from msls_ros.estimation.bank_detection import student_square
+from msls_ros.estimation.bank_detection import change_of, student_square
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import bank_settings, independent_squares
 from msls_ros.inputs.derivatives import DerivativeFilter
@@ -52,6 +52,24 @@ def test_a_loss_is_seen_through_a_window_as_soon_as_the_window_is_past_it() -> N
     found = [time - PERIOD * FAULT for time in alarms(0.5)]
     assert found, "half of the effect is lost while it is in use"
     assert -0.5 * INTERVALS * PERIOD <= found[0] <= (INTERVALS + 2) * PERIOD
+
+
+def test_errors_that_the_motion_allowed_are_allowed_when_it_has_ended() -> None:
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}))
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    n = 300
+    x, delta = 0.25 * uniform(n, 3, 1), 0.125 * uniform(n, 2, 2)
+    xdot = 0.01 * uniform(n, 3, 3)
+    xdot[:, 0] += 8.0 * delta[:, 0] - 2.0 * x[:, 0]
+    identifier.run(PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta)
+    s, state = engine.settings, engine.state
+    state.remembered[0] = state.allowed[0] = 0.0
+    usual = state.base[0, 2] / state.base[0, 1]
+    state.surprise[0] = 30.0 * usual
+    still = change_of(s, state, 0, 30.0 * usual, 0.0, 0.0)
+    state.allowed[0] = 30.0 * usual
+    assert still > s.threshold > 1.0 > change_of(s, state, 0, 30.0 * usual, 0.0, 0.0)
 
 
 def test_a_loss_that_noise_hides_sample_by_sample_is_seen_in_the_mean() -> None:
