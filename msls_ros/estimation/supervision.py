@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank_isolation import Decision, Name, find_name
+from msls_ros.estimation.bank_isolation import SLOW, Decision, find_name
 from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import THRESHOLD
+from msls_ros.estimation.bank_settings import LOSSES, THRESHOLD
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.estimate import EventKind, FaultEvent
@@ -26,6 +26,10 @@ _REASONS = {
 
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
+
+
+MEMORY = LOSSES[-1][0]
+"""Of the member that says what is left [s]."""
 
 
 class Supervisor:
@@ -56,7 +60,8 @@ class Supervisor:
         self.alarms = 0
         """Alarms since the reset."""
         self._isolating: dict[int, float] = {}
-        self._decision = Decision(HELD + len(self._c.regressors) // 2)
+        slow = round(SLOW * self._c.sample_rate)
+        self._decision = Decision(HELD + len(self._c.regressors) // 2, slow, MEMORY / SLOW)
         self._recovering: set[int] = set()
 
     @property
@@ -129,9 +134,13 @@ class Supervisor:
         least = (limits.least_samples - 0.5) / self._c.sample_rate
         found = [q for q, since in sorted(self._isolating.items()) if time - since >= least]
         losses = regression.losses(found) if found and isinstance(regression, BankRegression) else None
-        name = self._decision.take(find_name(losses, self._surfaces, limits) if losses else None)
+        begun = self._begun(time, regression)
+        found_name = find_name(losses, self._surfaces, limits) if losses else None
+        name = self._decision.take(found_name, len(begun) == len(self._isolating))
         if name is not None and isinstance(regression, BankRegression):
-            self._apply(time, regression, name)
+            surface, since = [one.name for one in self._surfaces].index(name.surface), min(self._isolating.values())
+            regression.restore(begun, surface)
+            regression.spread(sorted(self._isolating), surface, name.left - 1.0, name.error, time - since)
         for q, since in sorted(self._isolating.items()):
             if (name is not None and q in found) or time - since > limits.window:
                 del self._isolating[q]
@@ -148,15 +157,10 @@ class Supervisor:
         of = (name.statistic,), (limits.significance,)
         return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
 
-    def _apply(self, time: float, regression: BankRegression, name: Name) -> None:
-        """Let all equations know the name: those that have begun anew take back what they knew of other surfaces."""
+    def _begun(self, time: float, regression: Engine) -> list[int]:
+        """Return the rows that are watched and have begun anew since their alarm."""
         rate = self._c.sample_rate
-        watched = sorted(self._isolating.items())
-        begun = [q for q, since in watched if regression.age(q) < (time - since) * rate + 1.5]
-        surface = [one.name for one in self._surfaces].index(name.surface)
-        regression.restore(begun, surface)
-        first = min(since for _, since in watched)
-        regression.spread([q for q, _ in watched], surface, name.left - 1.0, name.error, time - first)
+        return [q for q, since in sorted(self._isolating.items()) if regression.age(q) < (time - since) * rate + 1.5]
 
     def _suspects(self, regression: Engine, q: int) -> list[Suspect]:
         """Return the columns that changed in row q: effectors, or else states, within the limits."""

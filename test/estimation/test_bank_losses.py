@@ -10,7 +10,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
 from msls_ros.estimation.bank_forgetting import forget_direction
-from msls_ros.estimation.bank_isolation import Losses, find_name
+from msls_ros.estimation.bank_isolation import Decision, Losses, Name, find_name
 from msls_ros.estimation.bank_losses import (
     EVERY,
     KNOWN,
@@ -149,6 +149,24 @@ def test_a_surface_is_not_named_where_another_explains_nearly_as_much() -> None:
         losses = Losses([-0.5, -0.5], [0.05, 0.05], [100.0, rival], 20.0, 120.0)
         found = find_name(losses, surfaces, limits)
         assert (found.surface if found else None) == name
+
+
+@pytest.mark.parametrize(("rate", "error"), [(0.0, 0.05), (0.1, 0.158), (0.3, None)])
+def test_what_still_moves_is_named_with_the_lag_of_the_rows_that_go_on_in_its_error(
+    rate: float, error: float | None
+) -> None:
+    """A share that falls by 0.1 a second is behind by 1.5 s of memory; by 0.3, it is not said."""
+    slow = round(0.6 / PERIOD)
+    decision = Decision(8, slow, 1.5 / 0.6)
+    said = [decision.take(Name("da", 9.0, 0.8 - rate * PERIOD * n, 0.05), anew=False) for n in range(slow)]
+    assert said[:-1] == [None] * (slow - 1)
+    assert (said[-1].error if said[-1] else None) == (pytest.approx(error, abs=0.005) if error else None)
+
+
+def test_a_name_of_rows_that_have_begun_anew_stands_a_few_samples() -> None:
+    decision = Decision(8, 30, 2.5)
+    said = [decision.take(Name("da", 9.0, 0.5, 0.05)) for _ in range(8)]
+    assert [one is not None for one in said] == [False] * 7 + [True]
 
 
 def test_what_is_known_of_everything_else_is_kept() -> None:
