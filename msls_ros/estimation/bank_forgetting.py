@@ -68,7 +68,9 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
 
 @compiled
 def spread_loss(s: BankSettings, x: BankState, k: int, change: float, error: float, back: int, work: BankWork) -> None:
-    """Let the rows that have not alarmed, but knew the effect of surface k, know that it has changed.
+    """Let the rows that have not alarmed know that surface k has changed, if any of them knew its effect.
+
+    All of them: those that did not know it hardly forget anything, and they keep their history together.
 
     Parameters
     ----------
@@ -82,22 +84,28 @@ def spread_loss(s: BankSettings, x: BankState, k: int, change: float, error: flo
     if back >= x.kept_theta.shape[0] or back >= x.kept[0]:
         return
     slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
-    before, square = x.kept_theta[slot], x.kept_square[slot]
-    others = 0
+    before = x.kept_theta[slot]
+    told = 0
     for q in range(x.group.shape[0]):
         alarmed = work.concerned[q] != 0 or x.pending[q] != 0 or x.waiting[x.group[q]] != 0
-        effect, variance = effect_of(s, before[q], k), 0.0
-        for j in range(s.shares.shape[1]):
-            if s.shares[k, j] != 0.0:
-                variance += s.shares[k, j] * s.shares[k, j] * square[q, s.effectors_from + 1 + j]
-        known = variance < KNOWN * KNOWN * effect * effect
-        work.concerned[q] = 1 if known and not alarmed and noise_of(s, x, q, s.loss_members.shape[0] - 1) > 0.0 else 0
-        others += work.concerned[q]
+        work.concerned[q] = 0 if alarmed or noise_of(s, x, q, s.loss_members.shape[0] - 1) <= 0.0 else 1
         if work.concerned[q] != 0:
+            told += 1 if knows_effect(s, before[q], x.kept_square[slot, q], k) else 0
             for i in range(before.shape[1]):
                 x.theta_before[q, i] = before[q, i]
-    if others > 0:
+    if told > 0:
         apply_loss(s, x, k, change, error, work)
+
+
+@compiled
+def knows_effect(s: BankSettings, before: Array, square: Array, k: int) -> bool:
+    """Whether a row with estimates and squared errors (p,) knows the effect of surface k."""
+    variance = 0.0
+    for j in range(s.shares.shape[1]):
+        if s.shares[k, j] != 0.0:
+            variance += s.shares[k, j] * s.shares[k, j] * square[s.effectors_from + 1 + j]
+    effect = effect_of(s, before, k)
+    return variance < KNOWN * KNOWN * effect * effect
 
 
 @compiled
