@@ -85,15 +85,15 @@ def spread_loss(s: BankSettings, x: BankState, k: int, change: float, error: flo
         return
     slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
     before = x.kept_theta[slot]
-    told = 0
+    knowing = 0
     for q in range(x.group.shape[0]):
         alarmed = work.concerned[q] != 0 or x.pending[q] != 0 or x.waiting[x.group[q]] != 0
         work.concerned[q] = 0 if alarmed or noise_of(s, x, q, s.loss_members.shape[0] - 1) <= 0.0 else 1
         if work.concerned[q] != 0:
-            told += 1 if knows_effect(s, before[q], x.kept_square[slot, q], k) else 0
+            knowing += 1 if knows_effect(s, before[q], x.kept_square[slot, q], k) else 0
             for i in range(before.shape[1]):
                 x.theta_before[q, i] = before[q, i]
-    if told > 0:
+    if knowing > 0:
         apply_loss(s, x, k, change, error, work)
 
 

@@ -87,7 +87,7 @@ def test_what_a_name_takes_back_counts_as_learnt_from_motion_and_a_prior_of_a_st
     assert kept == pytest.approx([alone[0] - 0.9, alone[1]])
 
 
-def test_a_name_tells_the_rows_that_did_not_alarm_what_is_left() -> None:
+def test_a_name_holds_for_the_rows_that_did_not_alarm() -> None:
     """Noise hides the loss in R, where the surface has an effect as well; P has alarmed, and the surface has a name."""
     errors = {False: 0.0, True: 0.0}
     covered = 0
@@ -95,9 +95,9 @@ def test_a_name_tells_the_rows_that_did_not_alarm_what_is_left() -> None:
         time, x, xdot, delta = broken(0.5, seed=seed, n=320)
         xdot[:, 2] += 0.4 * uniform(len(time), 3, seed + 50)[:, 2]
         xdot[:, 2] += np.where(np.arange(len(time)) < FAULT, 4.0, 2.0) * delta[:, 0]
-        for told in errors:
+        for applied in errors:
             identifier = Identifier(from_mapping(SMALL))
-            if not told:
+            if not applied:
                 engine_of(identifier).spread = lambda *_: None  # type: ignore[method-assign]
             estimates = identifier.run(time, x, xdot, delta).estimates
             events = [(i, v) for i, e in enumerate(estimates) for v in e.events]
@@ -105,8 +105,8 @@ def test_a_name_tells_the_rows_that_did_not_alarm_what_is_left() -> None:
             named = next(i for i, v in events if v.kind == EventKind.ISOLATED)
             after = estimates[named + 1]
             assert after.b[0, 0] == pytest.approx(4.0, abs=0.5) and abs(estimates[named + 1].b[1, 1] + 4.0) < 0.1
-            errors[told] += abs(after.b[2, 0] - 2.0)
-            covered += told and abs(after.b[2, 0] - 2.0) < 2.0 * after.b_std[2, 0]
+            errors[applied] += abs(after.b[2, 0] - 2.0)
+            covered += applied and abs(after.b[2, 0] - 2.0) < 2.0 * after.b_std[2, 0]
     assert errors[True] < 0.5 * errors[False]
     assert covered >= 9
 
