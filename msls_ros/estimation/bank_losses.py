@@ -12,9 +12,9 @@ corrected for autocorrelation, and of model error, `FLOOR`. Then::
 
 ``R'R D`` is what the member's residuals by the old estimates have in common with the regressors: the matched filter of
 the loss, all else being what it was. A loss is seen when, for as long as the shortest member remembers, z exceeds its
-limit and c is the loss of a good part, explains most of all that has changed (``sum D' R'R D / n``), and more than any
-other surface and than any single state would; where z is larger still, at once. Only what has a direction of its own
-alarms: model errors that no surface explains do not.
+limit (for half as long, where z is larger still) and c is the loss of a good part, explains most of all that has
+changed (``sum D' R'R D / n``), and more than any other surface and than any single state would. Only what has a
+direction of its own alarms: model errors that no surface explains do not.
 
 An error e of the reference, as a share of the effect, makes a share s into ``s / (1 + e)``: to take a whole effect for
 half of one it must be 1, and not a half. So the relative standard error counts ``1 + c`` times.
