@@ -243,6 +243,12 @@ def r_squared(configuration: Configuration, estimate: Estimate, flight: Recorded
     return 1.0 - float(np.var(flight.xdot[:, i] - predicted) / np.var(flight.xdot[:, i]))
 
 
+def over_derivatives(values: Mapping[str, float], measure: str) -> float:
+    """Return the worst R2 that is lost, or the median of another measure."""
+    several = list(values.values())
+    return float(np.max(several)) if measure == "r2_lost" else float(np.median(several))
+
+
 def summarise_flight_test(rows: Sequence[Row]) -> Row:
     """Return by bed the medians of the bank, and of the best of the others by each measure."""
     beds = {}
@@ -250,9 +256,8 @@ def summarise_flight_test(rows: Sequence[Row]) -> Row:
         chosen = [row for row in rows if row["bed"] == name]
         cell: Row = {"alarms": sum(row["alarms"] for row in chosen) / len(chosen)}
         for measure in MEASURES:
-            over = np.max if measure == "r2_lost" else np.median
             by_method = {
-                method: float(np.median([over(list(row["methods"][method][measure].values())) for row in chosen]))
+                method: float(np.median([over_derivatives(row["methods"][method][measure], measure) for row in chosen]))
                 for method in chosen[0]["methods"]
             }
             best = min((v, k) for k, v in by_method.items() if k != "bank")

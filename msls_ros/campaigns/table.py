@@ -91,9 +91,8 @@ def _dither(rows: Sequence[dict[str, float]]) -> dict[str, float] | None:
     """Return the median of what was predicted and felt, and the largest of the rest."""
     if not rows:
         return None
-    return {
-        name: float((np.median if name.endswith("_rms") else np.max)([row[name] for row in rows])) for name in DITHER
-    }
+    of = {name: [row[name] for row in rows] for name in DITHER}
+    return {name: float(np.median(v)) if name.endswith("_rms") else float(np.max(v)) for name, v in of.items()}
 
 
 def _spread(values: Iterable[float | None]) -> dict[str, float] | None:
