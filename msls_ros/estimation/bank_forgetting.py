@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import find_information
-from msls_ros.estimation.bank_losses import KNOWN, noise_of
+from msls_ros.estimation.bank_losses import KNOWN, effect_of, noise_of, square_of_effect
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -90,22 +90,13 @@ def spread_loss(s: BankSettings, x: BankState, k: int, change: float, error: flo
         alarmed = work.concerned[q] != 0 or x.pending[q] != 0 or x.waiting[x.group[q]] != 0
         work.concerned[q] = 0 if alarmed or noise_of(s, x, q, s.loss_members.shape[0] - 1) <= 0.0 else 1
         if work.concerned[q] != 0:
-            knowing += 1 if knows_effect(s, before[q], x.kept_square[slot, q], k) else 0
+            effect = effect_of(s, before[q], k)
+            known = square_of_effect(s, x.kept_square[slot, q], k) < KNOWN * KNOWN * effect * effect
+            knowing += 1 if known else 0
             for i in range(before.shape[1]):
                 x.theta_before[q, i] = before[q, i]
     if knowing > 0:
         apply_loss(s, x, k, change, error, work)
-
-
-@compiled
-def knows_effect(s: BankSettings, before: Array, square: Array, k: int) -> bool:
-    """Whether a row with estimates and squared errors (p,) knows the effect of surface k."""
-    variance = 0.0
-    for j in range(s.shares.shape[1]):
-        if s.shares[k, j] != 0.0:
-            variance += s.shares[k, j] * s.shares[k, j] * square[s.effectors_from + 1 + j]
-    effect = effect_of(s, before, k)
-    return variance < KNOWN * KNOWN * effect * effect
 
 
 @compiled
@@ -190,15 +181,6 @@ def copy_group(x: BankState, g: int, target: int) -> None:
     for a in range(x.axis_gate.shape[1]):
         x.axis_gate[target, a] = x.axis_gate[g, a]
     x.waiting[target] = x.waiting[g]
-
-
-@compiled
-def effect_of(s: BankSettings, theta: Array, k: int) -> float:
-    """Effect of surface k by itself in a row with estimates (p,), constant first."""
-    effect = 0.0
-    for j in range(s.shares.shape[1]):
-        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
-    return effect
 
 
 @compiled

@@ -312,13 +312,8 @@ def compare_row(
     s: BankSettings, n: float, before: Array, square: Array, q: int, k: int, known: float, work: BankWork
 ) -> None:
     """Find what row q says of surface k: information, what speaks for or against a loss, error of the reference."""
-    first = s.effectors_from + 1
-    effect = 0.0
-    error = 0.0
-    for j in range(s.gains.shape[1]):
-        effect += s.shares[k, j] * before[q, first + j]
-        if s.shares[k, j] != 0.0:
-            error += s.shares[k, j] * s.shares[k, j] * square[q, first + j]
+    effect = effect_of(s, before[q], k)
+    error = square_of_effect(s, square[q], k)
     if not error < known * known * effect * effect:
         return
     size = work.steps[k, 0]
@@ -330,6 +325,25 @@ def compare_row(
     work.against[q, k] = effect * along / n
     work.information[q, k] = effect * effect * size / n
     work.reference[q, k] = error / (effect * effect)
+
+
+@compiled
+def effect_of(s: BankSettings, theta: Array, k: int) -> float:
+    """Effect of surface k by itself in a row with estimates (p,), constant first."""
+    effect = 0.0
+    for j in range(s.shares.shape[1]):
+        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
+    return effect
+
+
+@compiled
+def square_of_effect(s: BankSettings, square: Array, k: int) -> float:
+    """Squared standard error of that, of (p,) squared standard errors."""
+    total = 0.0
+    for j in range(s.shares.shape[1]):
+        if s.shares[k, j] != 0.0:
+            total += s.shares[k, j] * s.shares[k, j] * square[s.effectors_from + 1 + j]
+    return total
 
 
 @compiled
