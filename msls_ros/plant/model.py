@@ -46,6 +46,7 @@ _AIR_RELATIVE = (
 )
 _PLACE = ("position/h-sl-ft", "position/lat-geod-rad")
 _TURBULENCE = tuple(f"atmosphere/turb-{axis}-fps" for axis in ("north", "east", "down"))
+_MEAN_WIND = tuple(f"atmosphere/wind-{axis}-fps" for axis in ("north", "east", "down"))
 _GUST = tuple(f"atmosphere/gust-{axis}-fps" for axis in ("north", "east", "down"))
 _TURBULENCE_RATES = tuple(f"atmosphere/{axis}-turb-rad_sec" for axis in ("p", "q", "r"))
 _SET_GUST_RATES = tuple(f"wind/{axis}-rad_sec" for axis in ("p", "q", "r"))
@@ -170,6 +171,9 @@ class Model:
     def stir(self, severity: int, seed: int) -> None:
         """Switch on the Dryden turbulence of MIL-F-8785C, which starts from still air.
 
+        The gusts of u and v go along and across the mean wind [JSBSim, FGWinds]. In still air its direction would be
+        that of rounding errors of the trim (1e-14 m/s, another one with another BLAS), so it is set: from the south.
+
         Parameters
         ----------
         severity : int
@@ -177,6 +181,8 @@ class Model:
         seed : int
             At least 0; flights with different seeds meet different gusts.
         """
+        for path in (*_MEAN_WIND, "atmosphere/psiw-rad"):
+            self._fdm.set_property_value(path, 0.0)
         start = int(np.random.SeedSequence([_STREAM, seed]).generate_state(1)[0]) % _GENERATOR_SEEDS + 1
         self._fdm.set_property_value("atmosphere/randomseed", start)
         self._fdm.set_property_value("atmosphere/turb-type", _TUSTIN)

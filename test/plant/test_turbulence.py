@@ -14,6 +14,8 @@ import pytest
 
 from msls_ros.plant import CONDITIONS, MANOEUVRES, TURBULENCE, Aircraft, Pilot, PlantError, Steady
 from msls_ros.plant import airframe as airframe_module
+from msls_ros.plant.stock import make_model
+from msls_ros.plant.trim import find_trim
 
 HIGH_ALPHA = CONDITIONS["high_alpha"]
 CRUISE = CONDITIONS["cruise"]
@@ -83,6 +85,22 @@ def test_the_seed_decides_the_flight_in_this_process_and_in_another() -> None:
         check=True,
     )
     assert done.stdout.strip() == hashlib.sha256(first.tobytes()).hexdigest()
+
+
+def test_the_rounding_of_the_trim_does_not_choose_the_gusts() -> None:
+    def fly(north: float) -> np.ndarray:
+        trim = find_trim(CRUISE)
+        model = make_model(CRUISE, 100)
+        model.begin(trim.x, trim.delta, trim.throttle, trim.place)
+        model._fdm.set_property_value("atmosphere/wind-north-fps", north)  # as another BLAS leaves it
+        model.stir(TURBULENCE["moderate"], 4)
+        for _ in range(50):
+            model.run()
+        return np.array(model.surroundings().wind)
+
+    wind = fly(1e-13)
+    assert np.abs(wind[:2]).min() > 0.1
+    np.testing.assert_allclose(fly(-1e-13), wind, rtol=1e-9)
 
 
 def test_two_flights_side_by_side_keep_their_own_gusts() -> None:
