@@ -174,7 +174,7 @@ def judge_name(scenario: Scenario, flight: Recorded, event: FaultEvent) -> Row:
     own = set(airframe.surfaces_of.get(name, (name,)))
     fault = next((f for f in reversed(struck) if own & set(f.surfaces)), struck[-1])  # several may have broken at once
     if name in airframe.surface_names:
-        left = fault.effectiveness if name in fault.surfaces else 1.0
+        left = fault.left(event.time) if name in fault.surfaces else 1.0
     elif name in airframe.effectors:
         left = true_share(scenario, flight, name, event.equations, event.time)
     else:

@@ -53,9 +53,9 @@ def judge_names(scenario: Scenario, log: FlightLog) -> dict[str, Any]:
 
 
 def _surface_share(scenario: Scenario, event: FaultEvent) -> float:
-    """Return what is truly left of the named surface's effect."""
+    """Return what is truly left of the named surface's effect when it is named."""
     struck = [fault for fault in scenario.faults if event.suspected_effector in fault.surfaces]
-    return next((fault.effectiveness for fault in reversed(struck) if fault.time <= event.time), 1.0)
+    return next((fault.left(event.time) for fault in reversed(struck) if fault.time <= event.time), 1.0)
 
 
 def _share(log: FlightLog, event: Any, effectors: list[str], start: float, end: float) -> float | None:

@@ -15,6 +15,7 @@ import math
 from msls_ros.estimation.bank import find_information
 from msls_ros.estimation.bank_losses import KNOWN, effect_of, noise_of, square_of_effect
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
+from msls_ros.estimation.bank_uncertainty import residual_variance
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
@@ -56,8 +57,9 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
                 x.group[q] = target
                 effect = effect_of(s, x.theta_before[q], k)
                 square = error * error * effect * effect
-                precision = max(precision, square / noise_of(s, x, q, s.loss_members.shape[0] - 1))
-                shift_row(s, x, q, k, effect * (1.0 + change))
+                noise = min(noise_of(s, x, q, s.loss_members.shape[0] - 1), residual_variance(x, q))
+                precision = max(precision, square / noise if noise > 0.0 else 0.0)
+                shift_row(s, x, q, k, effect * (1.0 + change), work.phi)
         for m in range(s.forgetting.shape[0]):
             forget_direction(s, x.R[target], m, k, precision, work)
         find_information(x.R[target], work.V, x.info[target])
@@ -184,13 +186,19 @@ def copy_group(x: BankState, g: int, target: int) -> None:
 
 
 @compiled
-def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> None:
+def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float, phi: Array) -> None:
     """Give surface k the effect in all estimates of row q, and forget that its effectors were known."""
     first = s.effectors_from + 1
+    R = x.R[x.group[q]]
     for m in range(x.members.shape[2]):
         now = 0.0
+        place = 0.0
         for j in range(s.shares.shape[1]):
             now += s.shares[k, j] * x.members[q, first + j, m]
+            place += R[0, first + j, m] / R[0, 0, m] * s.gains[k, j]
+        x.members[q, 0, m] -= (effect - now) * place
+        for n in range(x.past.shape[0]):
+            x.past[n, q, 0, m] -= (effect - now) * place
         for j in range(s.gains.shape[1]):
             x.members[q, first + j, m] += (effect - now) * s.gains[k, j]
             for n in range(x.past.shape[0]):
@@ -198,10 +206,12 @@ def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> N
     step = effect - effect_of(s, x.mixed[q], k)
     for j in range(s.gains.shape[1]):
         if s.gains[k, j] != 0.0:
+            x.mixed[q, 0] -= step * s.gains[k, j] * phi[first + j]
             x.mixed[q, first + j] += step * s.gains[k, j]
             x.theta[q, first + j - 1] = x.mixed[q, first + j]
             x.best_square[q, first + j] = math.inf
             x.square[q, first + j] = math.inf
+    x.theta[q, x.theta.shape[1] - 1] = x.mixed[q, 0]
 
 
 @compiled
@@ -215,7 +225,8 @@ def forget_direction(s: BankSettings, R: Array, m: int, k: int, precision: float
     first = s.effectors_from + 1
     u = work.w
     size = 0.0
-    for i in range(p):
+    u[0] = 0.0
+    for i in range(1, p):
         u[i] = 0.0
         for j in range(s.gains.shape[1]):
             if first + j >= i:

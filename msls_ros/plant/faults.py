@@ -80,6 +80,16 @@ class Fault:
         """Return the number of the sample after which it strikes, samples being a period [s] apart."""
         return max(0, math.ceil((self.time - _TICK) / period))
 
+    def left(self, time: float) -> float:
+        """Return what is left of the effect of an intact surface that it damages, at a time [s]; 1 before it strikes.
+
+        Of a ramp, what is left on its way.
+        """
+        if time < self.time:
+            return 1.0
+        part = min((time - self.time) / self.ramp, 1.0) if self.ramp > 0.0 else 1.0
+        return 1.0 + part * (self.effectiveness - 1.0)
+
     @classmethod
     def parse(cls, text: str, airframe: Airframe = F16_MATV) -> Fault:
         """Read a fault from one line: ``left_stabilator time=4.0 effectiveness=0.5 ramp=5.0 stuck=true bias=0.01``.
