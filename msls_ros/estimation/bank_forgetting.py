@@ -59,9 +59,9 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
                 square = error * error * effect * effect
                 noise = min(noise_of(s, x, q, s.loss_members.shape[0] - 1), residual_variance(x, q))
                 precision = max(precision, square / noise if noise > 0.0 else 0.0)
-                shift_row(s, x, q, k, effect * (1.0 + change), work.phi)
+                shift_row(s, x, q, k, effect * (1.0 + change))
         for m in range(s.forgetting.shape[0]):
-            forget_direction(s, x.R[target], m, k, precision, work)
+            forget_direction(s, x, x.R[target], m, k, precision, work)
         find_information(x.R[target], work.V, x.info[target])
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
@@ -186,48 +186,72 @@ def copy_group(x: BankState, g: int, target: int) -> None:
 
 
 @compiled
-def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float, phi: Array) -> None:
-    """Give surface k the effect in all estimates of row q, and forget that its effectors were known."""
+def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> None:
+    """Give surface k the effect in all estimates of row q, and forget that its effectors were known.
+
+    The constant of each becomes what the last samples say: see above.
+    """
     first = s.effectors_from + 1
-    R = x.R[x.group[q]]
     for m in range(x.members.shape[2]):
-        now = 0.0
-        place = 0.0
-        for j in range(s.shares.shape[1]):
-            now += s.shares[k, j] * x.members[q, first + j, m]
-            place += R[0, first + j, m] / R[0, 0, m] * s.gains[k, j]
-        x.members[q, 0, m] -= (effect - now) * place
-        for n in range(x.past.shape[0]):
-            x.past[n, q, 0, m] -= (effect - now) * place
+        theta = x.members[q, :, m]
+        step = effect - effect_of(s, theta, k)
         for j in range(s.gains.shape[1]):
-            x.members[q, first + j, m] += (effect - now) * s.gains[k, j]
-            for n in range(x.past.shape[0]):
-                x.past[n, q, first + j, m] += (effect - now) * s.gains[k, j]
+            theta[first + j] += step * s.gains[k, j]
+        constant = mean_error(x, q, theta)
+        theta[0] += constant
+        for n in range(x.past.shape[0]):
+            x.past[n, q, 0, m] += constant
+            for j in range(s.gains.shape[1]):
+                x.past[n, q, first + j, m] += step * s.gains[k, j]
     step = effect - effect_of(s, x.mixed[q], k)
     for j in range(s.gains.shape[1]):
         if s.gains[k, j] != 0.0:
-            x.mixed[q, 0] -= step * s.gains[k, j] * phi[first + j]
             x.mixed[q, first + j] += step * s.gains[k, j]
             x.theta[q, first + j - 1] = x.mixed[q, first + j]
             x.best_square[q, first + j] = math.inf
             x.square[q, first + j] = math.inf
+    x.mixed[q, 0] += mean_error(x, q, x.mixed[q])
     x.theta[q, x.theta.shape[1] - 1] = x.mixed[q, 0]
 
 
 @compiled
-def forget_direction(s: BankSettings, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
-    """Add ``precision a a'`` to the covariance ``(R'R)^-1`` of member m, a the direction of surface k.
+def mean_error(x: BankState, q: int, theta: Array) -> float:
+    """Return by how much row q's last outputs exceed what estimates (p,), constant first, predict, in the mean."""
+    count = min(x.samples[0], x.last_phi.shape[0])
+    total = 0.0
+    for n in range(count):
+        total += x.last_y[n, q]
+        for i in range(theta.shape[0]):
+            total -= theta[i] * x.last_phi[n, i]
+    return total / count if count > 0 else 0.0
 
-    With ``u = R a`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
-    triangular again by Givens rotations.
+
+@compiled
+def mean_effect(s: BankSettings, x: BankState, k: int) -> float:
+    """Return how far surface k's direction was deflected in the last samples, in the mean."""
+    count = min(x.samples[0], x.last_phi.shape[0])
+    total = 0.0
+    for n in range(count):
+        for j in range(s.gains.shape[1]):
+            total += s.gains[k, j] * x.last_phi[n, s.effectors_from + 1 + j]
+    return total / count if count > 0 else 0.0
+
+
+@compiled
+def forget_direction(s: BankSettings, x: BankState, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
+    """Add ``precision d d'`` to the covariance ``(R'R)^-1`` of member m, d the direction of surface k.
+
+    With ``u = R d`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
+    triangular again by Givens rotations. The constant goes with the effect: the prediction for the mean of the last
+    samples is not forgotten.
     """
     p = R.shape[0]
     first = s.effectors_from + 1
     u = work.w
     size = 0.0
-    u[0] = 0.0
-    for i in range(1, p):
-        u[i] = 0.0
+    constant = -mean_effect(s, x, k)
+    for i in range(p):
+        u[i] = R[0, 0, m] * constant if i == 0 else 0.0
         for j in range(s.gains.shape[1]):
             if first + j >= i:
                 u[i] += R[i, first + j, m] * s.gains[k, j]

@@ -96,6 +96,16 @@ def keep_reference(s: BankSettings, x: BankState) -> None:
 
 
 @compiled
+def keep_sample(x: BankState, phi: Array, y: Array) -> None:
+    """Keep the regressors and outputs of now."""
+    slot = x.samples[0] % x.last_phi.shape[0]
+    for i in range(phi.shape[0]):
+        x.last_phi[slot, i] = phi[i]
+    for q in range(y.shape[0]):
+        x.last_y[slot, q] = y[q]
+
+
+@compiled
 def square_of_move(s: BankSettings, x: BankState, q: int, i: int) -> float:
     """Square by which row q's coefficient i has moved in the last second: what moves is no reference yet."""
     back = s.loss_delays[0]

@@ -20,6 +20,7 @@ from msls_ros.estimation.bank_lags import KEEP, observe_inputs
 from msls_ros.estimation.bank_losses import (
     EVERY,
     keep_reference,
+    keep_sample,
     mark_alarm,
     observe_innovations,
     sense_losses,
@@ -96,11 +97,12 @@ def advance_bank(
                 update_members(s, x, g, y[n], work)
         update_rows(s, x, y[n], noise[n], work)
         keep_reference(s, x)
+        keep_sample(x, work.phi, y[n])
         x.samples[0] += 1
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
             if lost >= 0:
-                apply_loss(s, x, lost, work.change[lost], 1.0, work)
+                apply_loss(s, x, lost, work.change[lost], math.sqrt(work.variance[lost] + 0.25 * work.change[lost] ** 2), work)
                 for q in range(x.group.shape[0]):
                     forget_predictors(x, q)
                 mark_alarm(s, x, lost, work, out.statistic[n], out.alarm[n])

@@ -300,6 +300,9 @@ class BankState(NamedTuple):
     """(r, p) their squared standard errors."""
     kept: Integers
     """(2,) how many estimates have been kept in all, and before the last alarm."""
+    last_phi: Array
+    """(n, p) regressors and outputs (n, r) of the last `BankSettings.persistence` samples, in a ring."""
+    last_y: Array
     kept_theta: Array
     """(w, r, p) estimates of the last seconds, constant first, a ring."""
     kept_square: Array
@@ -494,6 +497,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         theta_before=np.zeros((rows, p)),
         square_before=np.zeros((rows, p)),
         kept=np.zeros(2, np.int64),
+        last_phi=np.zeros((s.persistence, p)),
+        last_y=np.zeros((s.persistence, rows)),
         kept_theta=np.zeros((kept, rows, p)),
         kept_square=np.zeros((kept, rows, p)),
         innovation=np.zeros((len(s.loss_members), rows, 5)),
