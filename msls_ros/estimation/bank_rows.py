@@ -102,7 +102,7 @@ def advance_bank(
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
             if lost >= 0:
-                apply_loss(s, x, lost, work.change[lost], math.sqrt(work.variance[lost] + 0.25 * work.change[lost] ** 2), work)
+                apply_loss(s, x, lost, work.change[lost], 1.0, work)
                 for q in range(x.group.shape[0]):
                     forget_predictors(x, q)
                 mark_alarm(s, x, lost, work, out.statistic[n], out.alarm[n])
