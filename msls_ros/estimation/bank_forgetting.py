@@ -4,6 +4,11 @@
 direction a in all estimates of the rows concerned, and the factors lose their information along a, so that it is learnt
 anew with all else known.
 
+All about the present deflection: by when a loss is seen, the constants, which walk, have followed the moment that it
+took from the mean deflection. If the effect then changed about zero, the moment would come back in every prediction,
+and be evidence that nothing was lost, from the first samples on. So the constant of each estimate becomes what meets
+the last samples in the mean, and what is forgotten goes along ``d``: a, and a constant of ``-a' mean(phi)``.
+
 A surface that is named after an alarm has lost its effect on all rows, though some show it too little to alarm. They
 take over what is left of it by `spread_loss`, and its error, from what they knew before the alarm.
 """
@@ -42,14 +47,16 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
     work
         ``concerned`` says which rows.
     """
+    made = 0  # bit g: group g has been made here
     for g in range(x.age.shape[0]):
         inside, others = count_rows(x, g, work)
-        if inside == 0:
+        if inside == 0 or made >> g & 1:
             continue
         target = g if others == 0 else empty_group(x)
         if target < 0:
             target = g
         if target != g:
+            made |= 1 << target
             copy_group(x, g, target)
         precision = 0.0
         for q in range(x.group.shape[0]):
@@ -57,7 +64,7 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
                 x.group[q] = target
                 effect = effect_of(s, x.theta_before[q], k)
                 square = error * error * effect * effect
-                noise = min(noise_of(s, x, q, s.loss_members.shape[0] - 1), residual_variance(x, q))
+                noise = residual_variance(x, q)
                 precision = max(precision, square / noise if noise > 0.0 else 0.0)
                 shift_row(s, x, q, k, effect * (1.0 + change))
         for m in range(s.forgetting.shape[0]):

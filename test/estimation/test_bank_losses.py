@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
-from msls_ros.estimation.bank_forgetting import forget_direction
+from msls_ros.estimation.bank_forgetting import apply_loss, forget_direction
 from msls_ros.estimation.bank_isolation import Decision, Losses, Name, find_name
 from msls_ros.estimation.bank_losses import (
     EVERY,
@@ -22,6 +22,7 @@ from msls_ros.estimation.bank_losses import (
     find_loss,
 )
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_uncertainty import residual_variance
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.surfaces import read_surfaces
 
@@ -33,11 +34,16 @@ NOISE = 0.5
 """As large as what half of the effector does to P."""
 
 
-def noisy(seed: int, left: float = 0.5, n: int = 450) -> Flight:
-    """Return a flight in which an effector keeps a share of its effects on P and R; one-step errors do not show it."""
-    x, delta = 0.25 * uniform(n, 3, seed), 0.125 * uniform(n, 2, seed + 1)
-    xdot = NOISE * uniform(n, 3, seed + 2) * np.array([1.0, 1.0, 0.25])
-    share = np.where(np.arange(n) < FAULT, 1.0, left)
+def noisy(
+    seed: int, left: float = 0.5, n: int = 450, noise: float = NOISE, trim: float = 0.0, ramp: int = 1
+) -> Flight:
+    """Return a flight in which an effector keeps a share of its effects on P and R; one-step errors do not show it.
+
+    It stands at ``trim`` in the mean, and is lost over so many samples.
+    """
+    x, delta = 0.25 * uniform(n, 3, seed), 0.125 * uniform(n, 2, seed + 1) + np.array([trim, 0.0])
+    xdot = noise * uniform(n, 3, seed + 2) * np.array([1.0, 1.0, 0.25])
+    share = 1.0 + np.clip((np.arange(n) - FAULT + 1) / ramp, 0.0, 1.0) * (left - 1.0)
     xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * share * delta[:, 0]
     xdot[:, 1] += -1.0 * x[:, 1] - 4.0 * delta[:, 1]
     xdot[:, 2] += -0.5 * x[:, 2] + 2.0 * share * delta[:, 0]
@@ -181,17 +187,55 @@ def test_what_is_known_of_everything_else_is_kept() -> None:
 
 
 def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else() -> None:
+    """Along the effect about the mean deflection of the last samples: the constant goes the other way."""
     identifier = Identifier(from_mapping(SMALL))
-    identifier.run(*noisy(100, n=200))
+    flight = noisy(100, n=200, trim=0.25)
+    identifier.run(*flight)
     engine = engine_of(identifier)
-    s, R = engine.settings, engine.state.R[0].copy()
-    precision, direction = 0.3, np.array([0.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    s, x, R = engine.settings, engine.state, engine.state.R[0].copy()
+    assert len(x.last_phi) == LONG
+    precision, direction = 0.3, np.array([-flight[3][-LONG:, 0].mean(), 0.0, 0.0, 0.0, 1.0, 0.0])
     for m in range(R.shape[2]):
         before = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
-        forget_direction(s, R, m, 0, precision, engine._work)
+        forget_direction(s, x, R, m, 0, precision, engine._work)
         assert (np.tril(R[:, :, m], -1) == 0.0).all() and (np.diagonal(R[:, :, m]) > 0.0).all()
         after = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
-        assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-9, abs=1e-12)
+        assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-7, abs=1e-9)
+
+
+def test_a_loss_moves_the_effect_and_the_constants_meet_the_last_samples() -> None:
+    identifier = Identifier(from_mapping(SMALL))
+    flight = noisy(100, n=240, trim=0.25)
+    identifier.run(*flight)
+    engine = engine_of(identifier)
+    s, x, work = engine.settings, engine.state, engine._work
+    phi = np.column_stack((np.ones(LONG), flight[1][-LONG:], flight[3][-LONG:]))
+    y = flight[2][-LONG:, 0]
+    x.theta_before[:] = x.mixed
+    work.concerned[:] = [1, 0, 0]
+    before, members = x.mixed.copy(), x.members.copy()
+    apply_loss(s, x, 0, -0.4, 0.5, work)
+    for theta in (x.mixed[0], *x.members[0].T):
+        assert theta[4] == pytest.approx(0.6 * before[0, 4], rel=1e-9)
+        assert np.mean(y - phi @ theta) == pytest.approx(0.0, abs=1e-9)
+    assert list(x.group) == [1, 0, 0]
+    assert (x.members[1:] == members[1:]).all() and (x.members[0, 1:4] == members[0, 1:4]).all()
+    g = x.group[0]
+    found = np.sqrt(residual_variance(x, 0) / x.info[g, 4])
+    assert found.min() == pytest.approx(0.5 * before[0, 4], rel=0.02), "once, and as the bars count it"
+
+
+def test_what_constants_have_followed_is_no_evidence_against_a_loss() -> None:
+    """An effector that is deflected in the mean fades; constants follow its moment until the loss is alarmed."""
+    off = []
+    for seed in range(100, 180, 4):
+        estimates = Identifier(from_mapping(SMALL)).run(*noisy(seed, 0.0, noise=0.3, trim=0.25, ramp=150)).estimates
+        alarm = next(k for k, e in enumerate(estimates) if any(v.kind == EventKind.DETECTED for v in e.events))
+        then = alarm + LONG
+        if then < len(estimates):
+            off.append(estimates[then].b[0, 0] - 8.0 * max(1.0 - (then - FAULT + 1) / 150, 0.0))
+    assert len(off) >= 18
+    assert abs(np.mean(off)) < 2.0 * np.std(off) / math.sqrt(len(off))
 
 
 def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
