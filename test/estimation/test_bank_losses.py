@@ -34,9 +34,7 @@ NOISE = 0.5
 """As large as what half of the effector does to P."""
 
 
-def noisy(
-    seed: int, left: float = 0.5, n: int = 450, noise: float = NOISE, trim: float = 0.0, ramp: int = 1
-) -> Flight:
+def noisy(seed: int, left: float = 0.5, n: int = 450, noise: float = NOISE, trim: float = 0.0, ramp: int = 1) -> Flight:
     """Return a flight in which an effector keeps a share of its effects on P and R; one-step errors do not show it.
 
     It stands at ``trim`` in the mean, and is lost over so many samples.
