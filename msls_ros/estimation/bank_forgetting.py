@@ -67,8 +67,9 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
                 noise = residual_variance(x, q)
                 precision = max(precision, square / noise if noise > 0.0 else 0.0)
                 shift_row(s, x, q, k, effect * (1.0 + change))
+        mean = mean_deflection(s, x, k)
         for m in range(s.forgetting.shape[0]):
-            forget_direction(s, x, x.R[target], m, k, precision, work)
+            forget_direction(s, x.R[target], m, k, mean, precision, work)
         find_information(x.R[target], work.V, x.info[target])
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
@@ -234,8 +235,8 @@ def mean_error(x: BankState, q: int, theta: Array) -> float:
 
 
 @compiled
-def mean_effect(s: BankSettings, x: BankState, k: int) -> float:
-    """Return how far surface k's direction was deflected in the last samples, in the mean."""
+def mean_deflection(s: BankSettings, x: BankState, k: int) -> float:
+    """Return how far the effectors were deflected along surface k's direction in the last samples, in the mean."""
     count = min(x.samples[0], x.last_phi.shape[0])
     total = 0.0
     for n in range(count):
@@ -245,20 +246,19 @@ def mean_effect(s: BankSettings, x: BankState, k: int) -> float:
 
 
 @compiled
-def forget_direction(s: BankSettings, x: BankState, R: Array, m: int, k: int, precision: float, work: BankWork) -> None:
+def forget_direction(s: BankSettings, R: Array, m: int, k: int, mean: float, precision: float, work: BankWork) -> None:
     """Add ``precision d d'`` to the covariance ``(R'R)^-1`` of member m, d the direction of surface k.
 
     With ``u = R d`` the new factor is ``(I - b u u') R`` with ``b = (1 - 1/sqrt(1 + precision u'u)) / u'u``, made
-    triangular again by Givens rotations. The constant goes with the effect: the prediction for the mean of the last
-    samples is not forgotten.
+    triangular again by Givens rotations. The constant goes with the effect: the prediction for the mean deflection,
+    `mean_deflection`, is not forgotten.
     """
     p = R.shape[0]
     first = s.effectors_from + 1
     u = work.w
     size = 0.0
-    constant = -mean_effect(s, x, k)
     for i in range(p):
-        u[i] = R[0, 0, m] * constant if i == 0 else 0.0
+        u[i] = -R[0, 0, m] * mean if i == 0 else 0.0
         for j in range(s.gains.shape[1]):
             if first + j >= i:
                 u[i] += R[i, first + j, m] * s.gains[k, j]

@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
-from msls_ros.estimation.bank_forgetting import apply_loss, forget_direction
+from msls_ros.estimation.bank_forgetting import apply_loss, forget_direction, mean_deflection
 from msls_ros.estimation.bank_isolation import Decision, Losses, Name, find_name
 from msls_ros.estimation.bank_losses import (
     EVERY,
@@ -192,13 +192,15 @@ def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else
     engine = engine_of(identifier)
     s, x, R = engine.settings, engine.state, engine.state.R[0].copy()
     assert len(x.last_phi) == LONG
-    precision, direction = 0.3, np.array([-flight[3][-LONG:, 0].mean(), 0.0, 0.0, 0.0, 1.0, 0.0])
+    mean = mean_deflection(s, x, 0)
+    assert mean == pytest.approx(flight[3][-LONG:, 0].mean(), rel=1e-12)
+    precision, direction = 0.3, np.array([-mean, 0.0, 0.0, 0.0, 1.0, 0.0])
     for m in range(R.shape[2]):
         before = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
-        forget_direction(s, x, R, m, 0, precision, engine._work)
+        forget_direction(s, R, m, 0, mean, precision, engine._work)
         assert (np.tril(R[:, :, m], -1) == 0.0).all() and (np.diagonal(R[:, :, m]) > 0.0).all()
         after = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
-        assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-7, abs=1e-9)
+        assert after == pytest.approx(before + precision * np.outer(direction, direction), rel=1e-9, abs=1e-12)
 
 
 def test_a_loss_moves_the_effect_and_the_constants_meet_the_last_samples() -> None:
