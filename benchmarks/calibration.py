@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks import servo_beds
 from benchmarks.calibration_beds import (
     INTERVALS,
     PATHS,
@@ -47,10 +48,12 @@ ESTIMATES = 10.0
 Row = dict[str, Any]
 
 
-def beds(quick: bool, others: bool = False) -> list[Bed]:
-    """Return the beds: all, a few that take a minute, or those of other aircraft."""
+def beds(quick: bool, others: bool = False, servos: bool = False) -> list[Bed]:
+    """Return the beds: all, a few that take a minute, those of other aircraft, or of commands to servos."""
     if others:
         return list(other_beds())
+    if servos:
+        return list(servo_beds.servo_beds())
     found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
     return [bed for bed in found if bed.name in QUICK] if quick else found
 
@@ -261,6 +264,7 @@ def measure(
     method: str = "",
     *,
     others: bool = False,
+    servos: bool = False,
 ) -> Row:
     """Fly and judge all beds; what stands in the folder from an earlier call with the same code is not done again.
 
@@ -278,19 +282,23 @@ def measure(
         Of the estimator instead of the profile's.
     others
         The beds of other aircraft, `OTHERS`, instead.
+    servos
+        The beds of commands to servos instead, whose derivatives are all made by the window.
     """
-    todo = [(bed, seed) for bed in beds(quick, others) for seed in seeds]
+    todo = [(bed, seed) for bed in beds(quick, others, servos) for seed in seeds]
+    paths = PATHS[1:] if servos else PATHS
     kept, rows = kept_rows(folder, f"rows{'-' + method if method else ''}")
     done = {(row["bed"], row["seed"], row["path"]) for row in rows}
     for k, (bed, seed) in enumerate(todo, 1):
         say(f"{k} of {len(todo)}: {bed.name}, seed {seed}")
-        if all((bed.name, seed, path) in done for path in PATHS):
+        if all((bed.name, seed, path) in done for path in paths):
             continue
-        flight = record(bed, seed, folder)
+        flown = servo_beds.record(bed, seed, folder) if isinstance(bed, servo_beds.ServoBed) else None
+        flight = record(bed, seed, folder) if flown is None else flown
         configuration = bed.configuration(seed)
         if method:
             configuration = configuration.replace({"estimator.method": method})
-        for path in PATHS:
+        for path in paths:
             if (bed.name, seed, path) not in done:
                 rows.append(judge(bed, seed, flight, path, configuration))
                 keep_row(kept, rows[-1])

@@ -40,6 +40,7 @@ MODEL_NUMBERS = (
     "forgetting_factor",
     "delay",
     "delay_std",
+    "lag",
     "samples",
 )
 """Fields of a model that change from one to the next; they have the same names in `Estimate` and the message."""

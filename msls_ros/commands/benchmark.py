@@ -70,6 +70,7 @@ def parser() -> argparse.ArgumentParser:
     which = calibration.add_mutually_exclusive_group()
     which.add_argument("--quick", action="store_true", help="a few beds, a minute")
     which.add_argument("--others", action="store_true", help="thirteen other aircraft, instead")
+    which.add_argument("--servos", action="store_true", help="small aircraft by the commands to their servos, instead")
     calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
     accuracy = commands.add_parser("accuracy", help="errors beside MSLS and RLS, batch and the truth, on all beds")
     which = accuracy.add_mutually_exclusive_group()
@@ -155,8 +156,8 @@ def _faults(arguments: argparse.Namespace) -> Any:
 def _calibration(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.calibration")
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    method, others = arguments.method or "", arguments.others
-    result = module.measure(seeds, arguments.quick, arguments.folder, _say, method, others=others)
+    kind = {"others": arguments.others, "servos": arguments.servos}
+    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "", **kind)
     if not arguments.json:
         print(module.render(result))
     return result

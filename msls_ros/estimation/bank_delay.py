@@ -71,6 +71,44 @@ def observe_output(s: BankSettings, x: BankState, q: int, output: float) -> None
 
 
 @compiled
+def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Forget what the effectors of before were like; they are those in phi (p,), constant first, from now on."""
+    first = s.effectors_from + 1
+    count = x.answer.shape[1]
+    x.quick_samples[0] = 0.0
+    for i in range(4):
+        x.delay[i] = 0.0
+    for i in range(1, phi.shape[0]):
+        for k in range(1, i + 1):
+            x.moment[i, k] = 0.0
+        for j in range(count):
+            x.quick_moment[j, i] = 0.0
+        for q in range(x.early.shape[0]):
+            x.early[q, i] = 0.0
+    for q in range(x.early.shape[0]):
+        x.early[q, 0] = 0.0
+    for j in range(count):
+        now = phi[first + j]
+        x.quick_mean[first + j] = now
+        x.motion[1, first + j] = now
+        x.phi_last[first + j] = now
+        x.unexplained[j] = 0.0
+        x.third_power[j] = 0.0
+        for k in range(x.quick_past.shape[0]):
+            x.quick_past[k, j] = 0.0
+        for k in range(x.recent.shape[0]):
+            x.recent[k, j] = now
+        for k in range(x.deflections.shape[0]):
+            x.deflections[k, j] = now
+        for k in range(count):
+            x.steps[j, k] = 0.0
+        for q in range(x.answer.shape[0]):
+            x.answer[q, j] = 0.0
+            x.cross[q, j] = 0.0
+            x.third_cross[q, j] = 0.0
+
+
+@compiled
 def take_back(s: BankSettings, x: BankState, phi: Array) -> None:
     """Put the deflections of as long ago as responses are late into the regressor (p,), constant first."""
     size = x.recent.shape[0]

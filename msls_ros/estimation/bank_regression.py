@@ -137,7 +137,13 @@ class BankRegression:
         """Of responses after deflections, that was found and taken out, and its standard error [s]."""
         s, x = self.settings, self.state
         share = s.late_part if x.delay[1] == 0.0 else math.sqrt(x.delay[1])
-        return float(x.delay[0]) * s.period, share * s.late * s.period
+        back = float(x.delay[0]) + float(s.responses[x.response[0], 1] * s.late)
+        return back * s.period, share * s.late * s.period
+
+    @property
+    def lag(self) -> float:
+        """Of the deflections, that was found: their time constant, 0 for none [s]."""
+        return float(self.settings.lag_times[self.settings.responses[self.state.response[0], 0]])
 
     @property
     def samples(self) -> int:

@@ -11,7 +11,7 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
-from msls_ros.estimation.bank_delay import find_delay, observe_output, take_back
+from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
 from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states
 from msls_ros.estimation.bank_energy import observe_energy
@@ -27,6 +27,7 @@ from msls_ros.estimation.bank_losses import (
     square_of_move,
 )
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
+from msls_ros.estimation.bank_responses import respond
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
 from msls_ros.estimation.compiled import compiled
@@ -83,6 +84,8 @@ def advance_bank(
         work.phi[0] = phi[n, p - 1]
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
+        if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares):
+            begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
@@ -181,6 +184,22 @@ def in_use(x: BankState, g: int) -> bool:
         if x.group[q] == g:
             used += 1
     return used > 0
+
+
+@compiled
+def begin_anew(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Begin all rows anew: the effectors among the regressors (p,), constant first, are others from now on."""
+    forget_delays(s, x, phi)
+    clear_factors(s, x, 0)
+    x.waiting[0] = 0
+    x.kept[1] = x.kept[0]
+    for a in range(x.run.shape[0]):
+        x.run[a, 0] = 0
+        x.run[a, 1] = 0
+    for q in range(x.group.shape[0]):
+        x.group[q] = 0
+        x.pending[q] = 0
+        restart_row(x, q)
 
 
 @compiled

@@ -77,6 +77,8 @@ LATEST = 0.06
 """By how much deflections are taken back at most [s]."""
 LATE = 0.02
 """By how much responses are looked for late, at least a sample [s]."""
+LAGS = (0.035, 0.06)
+"""Of servos whose commands are recorded in place of deflections [s], see `bank_responses`."""
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
 BATCHES = ((1.0, 1.0), (4.0, 1.2), (16.0, 2.8))
@@ -160,6 +162,7 @@ def make_bank_settings(
     mixes[:, len(grid) :] = False
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
     late = max(1, round(LATE / period))
+    ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
     third, slope_noise = _window_noise(straddle)
     parts = turning or {}
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
@@ -213,6 +216,16 @@ def make_bank_settings(
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         late=late,
+        lags=np.array([(0.0, 0.0, 1.0), *(_lag(lag, period) for lag in LAGS)]),
+        responses=np.array(
+            [(lag, back) for lag in range(1 + len(LAGS)) for back in range(3)]
+            + [(1 + number, -back) for number, back in enumerate(ahead)],
+            np.int64,
+        ),
+        lag_times=np.array([0.0, *LAGS]),
+        ahead=max(ahead),
+        block_forgetting=math.exp(-late * period / COLOUR_MEMORY),
+        block_quick=min(late * period / QUICK, 1.0),
         latest=max(1, round(LATEST / period)),
         late_part=DELAY_OF_RECORDS / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
@@ -226,6 +239,13 @@ def make_bank_settings(
         followed_row=-1,
         followed_column=-1,
     )
+
+
+def _lag(constant: float, period: float) -> tuple[float, float, float]:
+    """Return the weights of last output, last and present input of a lag, for an input that is straight between."""
+    pole = math.exp(-period / constant)
+    rise = (1.0 - pole) * constant / period
+    return pole, rise - pole, 1.0 - rise
 
 
 def _window(straddle: int) -> tuple[Array, Array]:

@@ -107,6 +107,18 @@ class BankSettings(NamedTuple):
     """Gain per sample of the mean above which regressors have moved since the estimates that predict a sample."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
+    lags: Array
+    """(l, 3) lags of actuators, none first: weights of last output, last input and input; see `bank_responses`."""
+    lag_times: Array
+    """(l,) time constants of these [s]."""
+    responses: Integers
+    """(a, 2) which lag, and blocks back, of the responses that are held against each other, that of a start first; the
+    last ones, one for each lag but none, are its filter without its delay."""
+    ahead: int
+    """Blocks that those look into the future at most."""
+    block_forgetting: float
+    """Forgetting factor of their sums, and gain (``block_quick``) of the mean above which they are quick, by block."""
+    block_quick: float
     latest: int
     """Samples by which deflections are taken back at most."""
     late_part: float
@@ -240,6 +252,44 @@ class BankState(NamedTuple):
     """(c, p) sums of products of these steps with the regressors."""
     predictors: Array
     """(s + 1, 2, r, p) the estimates, and those of the sharpest member, over the last samples, a ring."""
+    lagged: Array
+    """(l, c) the deflections through each lag, see `bank_responses`."""
+    sent: Array
+    """(l, k, c) the last of them, a ring."""
+    block_sent: Array
+    """(l, c) their mean over the block of `BankSettings.late` samples, so far."""
+    block: Array
+    """(t + r,) that of states and outputs."""
+    sent_mean: Array
+    """(l, c) mean of the blocks of the last moment."""
+    sent_quick: Array
+    """(l, b, c) the last blocks above it, a ring."""
+    response_mean: Array
+    """(t + r,) the same of states and outputs."""
+    response_past: Array
+    """(b, t + r)"""
+    response_quick: Array
+    """(t + 2 c + r,) quick states, deflections of a response and those of l samples before, outputs."""
+    response_sums: Array
+    """(a, n, n) weighted sums of products of these, lower triangles."""
+    response_samples: Array
+    """(1,) weighted number of samples in them."""
+    response_part: Array
+    """(a,) part of l by which each response is late besides."""
+    response_evidence: Array
+    """(a,) for each response instead of that of now."""
+    response_doubt: Array
+    """(1,) share of an effect that it may be off by where another response has evidence [1]."""
+    response_steps: Array
+    """(c, p) scratch, as the next two."""
+    response_squares: Array
+    """(c, c)"""
+    response_row: Array
+    """(r, 4)"""
+    response_fit: Array
+    """(a, r, 2) likelihood of each response by each row, and the share that effectors explain [1]."""
+    response: Integers
+    """(1,) which response is taken."""
     recent: Array
     """(k, c) the last deflections, a ring, see `bank_delay`."""
     delay: Array
@@ -413,6 +463,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     p, m = s.prior.shape
     w, effectors = int(s.windows[-1]), s.effectors_to - s.effectors_from
     kept = int(max(s.loss_delays, default=0)) + 1
+    back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
     return BankState(
         R=np.zeros((groups, p, p, m)),
         info=np.zeros((groups, p, m)),
@@ -467,6 +518,25 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         moment=np.zeros((p, p)),
         quick_moment=np.zeros((effectors, p)),
         predictors=np.zeros((s.straddle + 1, 2, rows, p)),
+        lagged=np.zeros((len(s.lags), effectors)),
+        sent=np.zeros((len(s.lags), (back + 1) * s.late, effectors)),
+        block_sent=np.zeros((len(s.lags), effectors)),
+        block=np.zeros(s.effectors_from + rows),
+        sent_mean=np.zeros((len(s.lags), effectors)),
+        sent_quick=np.zeros((len(s.lags), back, effectors)),
+        response_mean=np.zeros(s.effectors_from + rows),
+        response_past=np.zeros((back, s.effectors_from + rows)),
+        response_quick=np.zeros(quick),
+        response_sums=np.zeros((len(s.responses), quick, quick)),
+        response_samples=np.zeros(1),
+        response_part=np.zeros(len(s.responses)),
+        response_evidence=np.zeros(len(s.responses)),
+        response_doubt=np.zeros(1),
+        response_steps=np.zeros((effectors, p)),
+        response_squares=np.zeros((effectors, effectors)),
+        response_row=np.zeros((rows, 4)),
+        response_fit=np.zeros((len(s.responses), rows, 2)),
+        response=np.zeros(1, np.int64),
         recent=np.zeros((s.latest + s.late + 2, effectors)),
         delay=np.zeros(4),
         output_mean=np.zeros(rows),

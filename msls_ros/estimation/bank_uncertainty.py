@@ -208,7 +208,7 @@ def direct_squares(
             squares[i] = math.inf
         return False
     variance = residual_variance(x, q) * age / free
-    systematic = SYSTEMATIC * autocorrelation(x, q)
+    systematic = common_part(x, q)
     attenuation(s, x, q, leader, noise, squares, bias)
     away = distance_from_mean(s, x, q, leader)
     for i in range(p):
@@ -277,8 +277,14 @@ def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
 @compiled
 def common_square(x: BankState, q: int, i: int) -> float:
     """Square of what coefficient i is off by in every estimate alike: late responses, what no averaging removes."""
-    stays = SYSTEMATIC * autocorrelation(x, q) * x.mixed[q, i]
+    stays = common_part(x, q) * x.mixed[q, i]
     return float(lag_square(x, q, i) + stays * stays)
+
+
+@compiled
+def common_part(x: BankState, q: int) -> float:
+    """Relative error of row q's estimates that no averaging removes, and what is not known of actuators [1]."""
+    return float(max(SYSTEMATIC * autocorrelation(x, q), x.response_doubt[0]))
 
 
 @compiled

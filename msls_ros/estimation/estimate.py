@@ -85,6 +85,9 @@ class Estimate:
     ago [s]."""
     delay_std: float
     """Its standard error [s]; NaN where none is looked for (msls, rls)."""
+    lag: float
+    """Time constant of the first-order lag between recorded deflections and those that act, as found in flight: A and B
+    hold for what comes out of it; 0: none [s]."""
     samples: int
     """Samples used since the last reset."""
     prediction_error: Array

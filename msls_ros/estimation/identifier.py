@@ -433,6 +433,7 @@ class Identifier:
             forgetting_factor=forgetting,
             delay=delay,
             delay_std=delay_std,
+            lag=self._regression.lag,
             samples=self._regression.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),

@@ -225,6 +225,11 @@ class Regression:
         return 0.0, math.nan
 
     @property
+    def lag(self) -> float:
+        """Of the deflections [s]: none is looked for."""
+        return 0.0
+
+    @property
     def samples(self) -> int:
         """Samples since the last reset."""
         return int(self.state.samples[0])

@@ -1,0 +1,100 @@
+"""Commands to servos in place of deflections: lag and delay are found in flight, and measured deflections have none."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from estimation.test_bank import SMALL, uniform
+from estimation.test_bank_delay import EFFECTS, STEP
+
+from msls_ros.estimation import Estimate, Identifier, from_mapping
+from msls_ros.estimation.bank_regression import BankRegression
+
+DAMPING = np.array([6.0, 3.0, 2.0])
+"""Of the rates [1/s]."""
+
+
+def fly(
+    lag: float,
+    delay: float,
+    *,
+    noise: float = 0.05,
+    seconds: float = 30.0,
+    rate: int = 50,
+    gusts: float = 0.0,
+    measured: bool = False,
+) -> tuple[BankRegression, list[Estimate]]:
+    """Identify from commands that a servo takes along ``lag`` and ``delay`` [s] late.
+
+    ``noise`` is that of the outputs [rad/s^2]. With ``gusts`` nothing is commanded but what a law answers to them; with
+    ``measured`` the deflections are recorded, with noise, and not the commands.
+    """
+    n = round(seconds / STEP)
+    every = round(1.0 / (rate * STEP))
+    inputs = 0.1 * np.repeat(uniform(n // 150 + 1, 2, 91), 150, axis=0)[:n]
+    jitter = 0.01 * np.repeat(uniform(n // every + 1, 2, 92), every, axis=0)[:n]
+    air, blown = np.zeros(3), gusts * uniform(n, 3, 93)
+    command, x, xdot = np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n, 3))
+    act = np.zeros((n + 1, 2))
+    back = round(delay / STEP)
+    for k in range(n):
+        if k % every == 0:
+            answer = np.array([-0.1 * x[k, 0], 0.1 * x[k, 1]])
+            command[k] = answer if gusts > 0.0 else inputs[k] + jitter[k]
+        else:
+            command[k] = command[k - 1]
+        air += STEP / 0.3 * (blown[k] - air)
+        xdot[k] = EFFECTS @ act[k] - DAMPING * x[k] + air
+        if k + 1 < n:
+            x[k + 1] = x[k] + STEP * xdot[k]
+        late = command[max(k - back, 0)]
+        act[k + 1] = act[k] + (STEP / lag if lag > STEP else 1.0) * (late - act[k])
+    taken = slice(0, n, every)
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": float(rate)}))
+    time, read = STEP * np.arange(n, dtype=np.float64)[taken], xdot[taken]
+    delta = act[:n][taken] + 0.001 * uniform(len(read), 2, 95) if measured else command[taken]
+    estimates = identifier.run(time, x[taken], read + noise * uniform(len(read), 3, 94), delta).estimates
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    return engine, list(estimates)
+
+
+@pytest.mark.parametrize("rate", [50, 100])
+@pytest.mark.parametrize(("lag", "delay"), [(0.035, 0.02), (0.05, 0.02), (0.065, 0.03)])
+def test_the_effects_of_servos_are_right_from_their_commands_alone(lag: float, delay: float, rate: int) -> None:
+    _, estimates = fly(lag, delay, rate=rate)
+    last = estimates[-1]
+    assert last.lag > 0.0
+    assert last.lag + last.delay == pytest.approx(lag + delay + 0.5 / rate, abs=0.02), "held commands"
+    main = EFFECTS != 0.0
+    np.testing.assert_allclose(last.b[main], EFFECTS[main], rtol=0.2)
+    assert (np.abs(last.b - EFFECTS) <= 1.96 * last.b_std).all()
+
+
+def test_before_it_is_decided_the_bars_say_so() -> None:
+    """Without a lag in the regressor a third is missing, and least squares would be sure of it."""
+    _, estimates = fly(0.05, 0.02)
+    for estimate in estimates:
+        assert (np.abs(estimate.b - EFFECTS) <= 1.96 * estimate.b_std)[estimate.b_reliable].all()
+
+
+def test_a_delay_without_a_lag_is_told_from_one() -> None:
+    engine, estimates = fly(0.0, 0.045)
+    assert estimates[-1].lag == 0.0
+    assert estimates[-1].delay == pytest.approx(0.045 + 0.01, abs=0.006), "commands are held, half a sample"
+    assert engine.state.response[0] != 0
+    assert (np.abs(estimates[-1].b - EFFECTS) <= 1.96 * estimates[-1].b_std).all()
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.05, 0.5])
+def test_deflections_that_are_measured_have_none(noise: float) -> None:
+    engine, estimates = fly(0.05, 0.0, noise=noise, measured=True)
+    assert engine.state.response[0] == 0
+    assert estimates[-1].lag == 0.0
+    assert estimates[-1].samples > 1400
+
+
+def test_what_a_law_answers_gusts_with_is_no_evidence() -> None:
+    """It follows them, as a response to a lag would: a lag explains twice as much of them, and that is little."""
+    engine, _ = fly(0.05, 0.0, gusts=30.0, measured=True)
+    assert engine.state.response[0] == 0
