@@ -4,24 +4,25 @@ Logs of small aircraft hold the commands to the servos, not what these make of t
 lag of 30 to 70 ms. Least squares then finds a quarter of the effect of an aileron, and is sure of it, for where a
 control law closes the loop the command also follows from the answer. A delay alone does not mend that (half of it is
 found), the lag has to be in the regressor. So a few responses are held against each other side by side, each of which
-takes the commands through no lag or one (`LAG`), and back by whole steps of l samples (`BankSettings.late`)::
+takes the commands through no lag or one (`bank_settings.LAGS`), and back by whole steps of l samples (`BankSettings.late`)::
 
     tau df/dt = command - f,      h_j = f_j(k - n l),   u_j = f_j(k - (n+1) l) - h_j
 
-exactly for commands that are straight between samples (held ones seem half a sample later).
-The quick outputs (above their mean of the last tenth of a second) are regressed on the quick states and
-``g_j = h_j + d u_j``, one step of Gauss and Newton for the d that all rows have in common, 0 to 1, as in `bank_delay`.
-All are means of l samples. With the sums over the last seconds the profile likelihood of response a is, over the rows::
+exactly for commands that are straight between samples (held ones seem half a sample later). The quick outputs (above
+their mean of the last tenth of a second) are regressed on the quick states and ``g_j = h_j + d u_j``, by steps of Gauss
+and Newton for the d that all rows have in common, 0 to 1, as in `bank_delay`. All are means of l samples. With the sums
+over the last seconds the profile likelihood of response a is, over the rows::
 
     L_a = -1/2 sum_q (n_q / c_q) ln( left_q(a) ),         c_q corrects for autocorrelation
 
-where rows count of which the effectors explain at least half of what the states leave,
-and its evidence is ``L_a - L_now``, summed over half a minute of excited flight. A lag also averages the noise of
-measured deflections, which fits better whatever is late; so a lag must also be better than the same filter without its
-delay, ``f_j(k + tau)``, which is looked at in the past. A response other than that of now is
-taken when its evidence is decisive (`DECISIVE`); then all that has been learnt belongs to other regressors, and every
-equation begins anew, as after an alarm. What is left of the delay, a fraction of l, is found by `bank_delay`, with
-deflections that have passed the response. Effects are those of the deflections that act.
+where rows count of which the effectors explain at least half of what the states leave, and its evidence is
+``L_a - L_now``, summed over half a minute of excited flight. A lag also averages the noise of measured deflections,
+which fits better whatever is late; so a lag must also be better than the same filter without its delay,
+``f_j(k + tau)``, which is looked at in the past. A response other than that of now is taken when its evidence is
+decisive (`DECISIVE`); all that has been learnt belongs to other regressors then, and every equation begins anew, as
+after an alarm. What is left of the delay, a fraction of l, is found by `bank_delay`, with deflections that have passed
+the response. Effects are those of the deflections that act. Until it is decided, what speaks for another response is
+in the bars (``response_doubt``), and afterwards `UNSHAPED`.
 
 References
 ----------
@@ -61,8 +62,10 @@ of the main effects is .55 to .7 of the truth at worst, by lags of 35 and 60 ms,
 """
 LOOK = 64
 """Responses are compared after every so many blocks of l samples, of whose means all sums are."""
+PASSES = 2
+"""Most steps of Gauss and Newton at a look; another one where the last was cut short."""
 STEP = 0.5
-"""Largest step of d from one look to the next."""
+"""Largest one, of d [1]."""
 BEYOND = 0.25
 """By how much d may lie outside of 0 to 1: what is at the edge is left to the response that is taken."""
 
@@ -173,7 +176,9 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
     if free <= 0.0:
         return False
     for a in range(number):
-        fit(s, x, a, free, factor, w, z)
+        passes = 1
+        while fit(s, x, a, free, factor, w, z) and passes < PASSES:
+            passes += 1
     moving = 0.0
     for q in range(x.gate.shape[0]):
         moving += x.gate[q] / x.gate.shape[0]
@@ -256,8 +261,10 @@ def likelier(x: BankState, a: int, b: int) -> float:
 
 
 @compiled
-def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Array, z: Array) -> None:
-    """Find the profile likelihood of response a, ``x.response_fit``, and move its ``d``; (p, p), (p,), (p,) scratch.
+def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Array, z: Array) -> bool:
+    """Find the profile likelihood of response a, ``x.response_fit``, and move its ``d``; whether by the largest step.
+
+    (p, p), (p,) and (p,) scratch.
 
     Regressors stand at 1 and following, as everywhere; a regressor that the others make up counts nothing.
     """
@@ -291,6 +298,7 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
             product += z[0] / w[0]
             own += z[1] / w[0]
     step = product / own if own > 0.0 else 0.0
+    cut = abs(step) > STEP
     step = min(max(d + min(max(step, -STEP), STEP), -BEYOND), 1.0 + BEYOND) - d
     x.response_part[a] = d + step
     for q in range(rows):
@@ -305,6 +313,7 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
                 rho *= one
             x.response_fit[a, q, 0] = -0.5 * free * (1.0 - rho) / (1.0 + rho) * logarithm(left)
             x.response_fit[a, q, 1] = 1.0 - left / max(x.response_row[q, 3], left)
+    return cut and step != 0.0
 
 
 @compiled
