@@ -4,7 +4,8 @@ Logs of small aircraft hold the commands to the servos, not what these make of t
 lag of 30 to 70 ms. Least squares then finds a quarter of the effect of an aileron, and is sure of it, for where a
 control law closes the loop the command also follows from the answer. A delay alone does not mend that (half of it is
 found), the lag has to be in the regressor. So a few responses are held against each other side by side, each of which
-takes the commands through no lag or one (`bank_settings.LAGS`), and back by whole steps of l samples (`BankSettings.late`)::
+takes the commands through no lag or one (`bank_settings.LAGS`), and back by whole steps of l samples
+(`BankSettings.late`)::
 
     tau df/dt = command - f,      h_j = f_j(k - n l),   u_j = f_j(k - (n+1) l) - h_j
 
