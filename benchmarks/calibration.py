@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks import servo_beds
 from benchmarks.calibration_beds import (
     INTERVALS,
     PATHS,
@@ -30,6 +29,7 @@ from benchmarks.calibration_beds import (
     other_beds,
     record,
 )
+from benchmarks.servo_beds import servo_beds
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
 from msls_ros.estimation.kernel import Array
 from msls_ros.flights.judging import belongs, exposed
@@ -53,7 +53,7 @@ def beds(quick: bool, others: bool = False, servos: bool = False) -> list[Bed]:
     if others:
         return list(other_beds())
     if servos:
-        return list(servo_beds.servo_beds())
+        return list(servo_beds())
     found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
     return [bed for bed in found if bed.name in QUICK] if quick else found
 
@@ -293,8 +293,7 @@ def measure(
         say(f"{k} of {len(todo)}: {bed.name}, seed {seed}")
         if all((bed.name, seed, path) in done for path in paths):
             continue
-        flown = servo_beds.record(bed, seed, folder) if isinstance(bed, servo_beds.ServoBed) else None
-        flight = record(bed, seed, folder) if flown is None else flown
+        flight = record(bed, seed, folder)
         configuration = bed.configuration(seed)
         if method:
             configuration = configuration.replace({"estimator.method": method})

@@ -82,6 +82,20 @@ class Bed:
         """Return the identifier's: the profile as it ships."""
         return self.scenario.configuration(self.noise, seed, dither=True).replace(dict(self.changes))
 
+    def fly(self, seed: int) -> Recorded:
+        """Fly it; the seed is that of sensors, air and dither."""
+        log = fly(self.configuration(seed), self.scenario.flight(self.noise, seed), sparse=True)
+        at = list(log.truths)
+        return Recorded(
+            np.array(log.time),
+            np.array(log.x),
+            np.array(log.xdot),
+            np.array(log.delta),
+            np.array(log.time)[at],
+            np.array([log.truths[k].a for k in at]),
+            np.array([log.truths[k].b for k in at]),
+        )
+
 
 @dataclass(frozen=True)
 class Recorded:
@@ -172,23 +186,13 @@ def record(bed: Bed, seed: int, folder: Path | None) -> Recorded:
     folder
         Where flights are kept; None: nowhere.
     """
-    decides = (bed.scenario.flight(bed.noise, seed), bed.configuration(seed), running_code())
+    decides = (bed, bed.scenario.flight(bed.noise, seed), bed.configuration(seed), running_code())
     key = hashlib.sha256(repr(decides).encode()).hexdigest()[:16]
     file = None if folder is None else folder / f"{bed.name.replace(' ', '_')}-{seed}-{key}.npz"
     if file is not None and file.is_file():
         with np.load(file) as kept:
             return Recorded(**{name: kept[name] for name in kept.files})
-    log = fly(bed.configuration(seed), bed.scenario.flight(bed.noise, seed), sparse=True)
-    at = list(log.truths)
-    found = Recorded(
-        np.array(log.time),
-        np.array(log.x),
-        np.array(log.xdot),
-        np.array(log.delta),
-        np.array(log.time)[at],
-        np.array([log.truths[k].a for k in at]),
-        np.array([log.truths[k].b for k in at]),
-    )
+    found = bed.fly(seed)
     if file is not None:
         part = file.with_suffix(".part.npz")
         np.savez_compressed(part, **vars(found))

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,7 +57,7 @@ SMALLS = {
 
 @dataclass(frozen=True)
 class ServoBed(Bed):
-    """A flight of one of them."""
+    """A flight of one of them; its scenario is one without faults, for what it says of names and times."""
 
     small: str = "aerosonde"
     rate: int = 50
@@ -66,6 +65,10 @@ class ServoBed(Bed):
     """Their standard deviation, as that of light turbulence near the ground [m/s]."""
     steps: bool = False
     duration: float = 100.0
+
+    def fly(self, seed: int) -> Recorded:
+        """Fly it; the seed is that of attitudes, sensors and air."""
+        return fly(self, seed)
 
 
 def servo_beds(rates: tuple[int, ...] = (25, 50)) -> Iterator[ServoBed]:
@@ -152,7 +155,7 @@ def truth(one: Small, x: Array, delta: Array, thrust: float, wind: Array) -> tup
 
 
 def fly(bed: ServoBed, seed: int) -> Recorded:
-    """Fly a bed; the seed is that of attitudes, sensors and air."""
+    """Return what is recorded of a bed."""
     one, random = SMALLS[bed.small], np.random.default_rng(seed)
     x, neutral, trimmed = trim(one)
     level, speed = float(x[7]), one.speed
@@ -201,16 +204,3 @@ def fly(bed: ServoBed, seed: int) -> Recorded:
         x = x + STEP * middle
     samples = (np.array(column) for column in zip(*taken, strict=True))
     return Recorded(*samples, *(np.array(column) for column in zip(*truths, strict=True)))
-
-
-def record(bed: ServoBed, seed: int, folder: Path | None) -> Recorded:
-    """Fly, or read what an earlier call has flown."""
-    file = None if folder is None else folder / f"servo_{bed.name.replace(' ', '_')}-{seed}.npz"
-    if file is not None and file.is_file():
-        with np.load(file) as kept:
-            return Recorded(**{name: kept[name] for name in kept.files})
-    found = fly(bed, seed)
-    if file is not None:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        np.savez_compressed(file, **vars(found))
-    return found

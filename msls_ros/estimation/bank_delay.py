@@ -31,9 +31,7 @@ Automatica 43 (2007).
 
 from __future__ import annotations
 
-import math
-
-from msls_ros.estimation.bank_lags import APART, KEEP, REDUNDANT, shift_estimates, solve_backward, solve_forward
+from msls_ros.estimation.bank_lags import APART, KEEP, factorise, shift_estimates, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
@@ -133,10 +131,7 @@ def deflection_of(x: BankState, slot: int, part: float, j: int) -> float:
 
 @compiled
 def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> None:
-    """Put the Cholesky factor of ``sum g g'`` into (p, p), with the inverses of its pivots.
-
-    A regressor that the others make up counts nothing.
-    """
+    """Put the factor of ``sum g g'`` into (p, p), see `factorise`."""
     p = factor.shape[0]
     first = s.effectors_from + 1
     for i in range(1, p):
@@ -146,13 +141,8 @@ def factor_moments(s: BankSettings, x: BankState, d: float, factor: Array) -> No
                 total += d * x.quick_moment[i - first, k]
                 if k >= first:
                     total += d * (x.quick_moment[k - first, i] + d * x.steps[i - first, k - first])
-            size = total
-            for n in range(1, k):
-                total -= factor[i, n] * factor[k, n]
-            if k < i:
-                factor[i, k] = total * factor[k, k]
-            else:
-                factor[i, i] = 1.0 / math.sqrt(total) if total > REDUNDANT * size else 0.0
+            factor[i, k] = total
+    factorise(factor, p)
 
 
 @compiled

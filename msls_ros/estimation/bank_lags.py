@@ -26,6 +26,8 @@ section 10.3 (gradients by filtered regressors).
 
 from __future__ import annotations
 
+import math
+
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -77,6 +79,24 @@ def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
             x.quick_moment[j, i] = fade * x.quick_moment[j, i] + x.quick[i] * step
         for k in range(j + 1):
             x.steps[j, k] = fade * x.steps[j, k] + (x.quick_late[k] - x.quick[first + k]) * step
+
+
+@compiled
+def factorise(factor: Array, p: int) -> None:
+    """Put the Cholesky factor of the lower triangle in its place, from row 1 to p, with the inverses of its pivots.
+
+    A regressor that the others make up counts nothing.
+    """
+    for i in range(1, p):
+        for k in range(1, i + 1):
+            total = factor[i, k]
+            size = total
+            for n in range(1, k):
+                total -= factor[i, n] * factor[k, n]
+            if k < i:
+                factor[i, k] = total * factor[k, k]
+            else:
+                factor[i, i] = 1.0 / math.sqrt(total) if total > REDUNDANT * size else 0.0
 
 
 @compiled

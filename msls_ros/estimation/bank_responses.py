@@ -33,9 +33,7 @@ System Identification*, 2006, section 10.2 (actuators, time delays).
 
 from __future__ import annotations
 
-import math
-
-from msls_ros.estimation.bank_lags import APART, REDUNDANT, solve_backward, solve_forward
+from msls_ros.estimation.bank_lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
@@ -265,9 +263,7 @@ def likelier(x: BankState, a: int, b: int) -> float:
 def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Array, z: Array) -> bool:
     """Find the profile likelihood of response a, ``x.response_fit``, and move its ``d``; whether by the largest step.
 
-    (p, p), (p,) and (p,) scratch.
-
-    Regressors stand at 1 and following, as everywhere; a regressor that the others make up counts nothing.
+    (p, p), (p,) and (p,) scratch; regressors stand at 1 and following, as everywhere.
     """
     states = s.effectors_from
     count = x.lagged.shape[1]
@@ -278,14 +274,8 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
     d = x.response_part[a]
     for i in range(1, p):
         for k in range(1, i + 1):
-            total = summed(s, x, a, i - 1, k - 1, d)
-            size = total
-            for n in range(1, k):
-                total -= factor[i, n] * factor[k, n]
-            if k < i:
-                factor[i, k] = total * factor[k, k]
-            else:
-                factor[i, i] = 1.0 / math.sqrt(total) if total > REDUNDANT * size else 0.0
+            factor[i, k] = summed(s, x, a, i - 1, k - 1, d)
+    factorise(factor, p)
     find_steps(s, x, a, d)
     product = 0.0
     own = 0.0

@@ -188,7 +188,10 @@ def in_use(x: BankState, g: int) -> bool:
 
 @compiled
 def begin_anew(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Begin all rows anew: the effectors among the regressors (p,), constant first, are others from now on."""
+    """Begin all rows anew: the effectors among the regressors (p,), constant first, are others from now on.
+
+    A name that is awaited is not spoken: what was known before the alarm was of those of before.
+    """
     forget_delays(s, x, phi)
     clear_factors(s, x, 0)
     x.waiting[0] = 0
@@ -199,6 +202,8 @@ def begin_anew(s: BankSettings, x: BankState, phi: Array) -> None:
     for q in range(x.group.shape[0]):
         x.group[q] = 0
         x.pending[q] = 0
+        for i in range(phi.shape[0]):
+            x.square_before[q, i] = math.inf
         restart_row(x, q)
 
 

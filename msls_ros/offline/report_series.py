@@ -72,6 +72,8 @@ def models_of(stream: Stamped[Any], origin: int, stride: int, warnings: list[str
         b_reliable=columns["b_reliable"].reshape(wide).astype(np.bool_),
         excitation=columns["excitation"],
         residual_std=columns["residual_std"],
+        delay=float(getattr(good[-1][1], "delay", 0.0)),
+        lag=float(getattr(good[-1][1], "lag", 0.0)),
         stride=stride,
     )
 

@@ -151,7 +151,10 @@ class _Builder:
     def _model(self) -> None:
         if self.known is None or self.models is None:
             return
-        body = page.paragraphs([model_tables.LEGEND]) + model_tables.best_tables(self.known)
+        said = [model_tables.LEGEND]
+        if self.models.lag > 0.0:
+            said.append(model_tables.servo_text(self.models.lag, self.models.delay))
+        body = page.paragraphs(said) + model_tables.best_tables(self.known)
         truth = self.flight.truth
         if truth is not None and self.known.known.any():
             table = model_tables.truth_table(self.known, truth.a[-1], truth.b[-1])

@@ -19,6 +19,14 @@ LEGEND = (
 )
 
 
+def servo_text(lag: float, delay: float) -> str:
+    """Say what B holds for where commands to servos stand in place of deflections: their lag and delay [s]."""
+    return (
+        f"The deflections of this flight act like commands to servos: through a lag of {1e3 * lag:.0f} ms, "
+        f"{1e3 * delay:.0f} ms late. B is the effect of what comes out of it, known to a quarter at best."
+    )
+
+
 def best_tables(known: Knowledge) -> str:
     """Return the tables of A and B at their best."""
     n = len(known.rows)

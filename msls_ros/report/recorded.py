@@ -53,6 +53,10 @@ class Models:
     """(k, p) share of each parameter that the data decide."""
     residual_std: Array
     """(k, n); NaN: the equation is known."""
+    delay: float = 0.0
+    """By how much the last one says that responses come after deflections [s]."""
+    lag: float = 0.0
+    """And the lag of deflections that it found, 0: none [s]."""
     stride: int = 1
     """Every which of the published models is held here."""
 

@@ -9,6 +9,7 @@ from estimation.test_bank_delay import EFFECTS, STEP
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank_rows import begin_anew
 
 DAMPING = np.array([6.0, 3.0, 2.0])
 """Of the rates [1/s]."""
@@ -92,6 +93,20 @@ def test_deflections_that_are_measured_have_none(noise: float) -> None:
     assert engine.state.response[0] == 0
     assert estimates[-1].lag == 0.0
     assert estimates[-1].samples > 1400
+
+
+def test_a_name_that_is_awaited_is_not_spoken_once_another_response_is_taken() -> None:
+    """What was known before the alarm is of other effectors: half of their effect is no loss."""
+    engine, _ = fly(0.05, 0.0, measured=True)
+    s, x = engine.settings, engine.state
+    x.pending[0] = 1
+    x.theta_before[0] = x.mixed[0]
+    x.theta_before[0, s.effectors_from + 1 :] *= 2.0
+    x.square_before[0] = 1e-6
+    assert min(engine.losses([0]).change) == pytest.approx(-0.5, abs=0.1)
+    begin_anew(s, x, engine._work.phi)
+    assert engine.losses([0]).change == [0.0] * len(s.gains)
+    assert not np.isfinite(engine.losses([0]).error).any()
 
 
 def test_what_a_law_answers_gusts_with_is_no_evidence() -> None:

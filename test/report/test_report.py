@@ -21,6 +21,7 @@ from report.report_bags import ALL, FAULT, INPUTS, record
 from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
 from msls_ros.estimation import Configuration
+from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.report.recorded import Models, Truth
 from msls_ros.report.words import describe_drift, find_changes
 
@@ -219,6 +220,14 @@ def test_inputs_alone_are_identified_offline(tmp_path: Path, capsys: pytest.Capt
     assert "dither" not in made.summary["sections"], "none was injected"
     assert any("holds no model" in sentence for sentence in made.summary["missing"])
     assert "defaults" in made.page.text
+
+
+def test_a_lag_that_was_found_is_written_beside_the_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(BankRegression, "lag", property(lambda self: 0.035))
+    made = make(capsys, record(tmp_path / "flown", INPUTS, kept=False), *FEW)
+    assert "like commands to servos: through a lag of 35 ms, 0 ms late" in made.page.text
 
 
 def test_an_identifier_of_another_aircraft_gets_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
