@@ -50,6 +50,14 @@ class Configuration:
         in_flight=False,
     )
     reference_speed: float = parameter(100.0, "scale of u, v and w", unit="m/s", low=1e-6, high=1e6, in_flight=False)
+    flying_speed: float = parameter(
+        0.25,
+        "bank, with known_gravity: slower than this share of reference_speed it does not fly, and nothing is learnt",
+        unit="1",
+        low=0.0,
+        high=1.0,
+        in_flight=False,
+    )
     time_jump: float = parameter(
         1.0, "a step back in time larger than this starts anew; a smaller one is refused", unit="s", low=0.0
     )

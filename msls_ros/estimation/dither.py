@@ -111,16 +111,16 @@ class DitherLaw:
         self._inject(self._law, self._state, time, known, delta, noise, self._comb, self._scratch, out)
         return out
 
-    def silence(self, time: Array) -> DitherBlock:
-        """Return zero dithers for a frozen estimator; the surfaces come to rest, the sequences stand still."""
+    def silence(self, time: Array, why: int = FROZEN) -> DitherBlock:
+        """Return zero dithers where nothing is learnt, ``why`` of `REASONS`; surfaces come to rest, sequences stay."""
         for one in time:
             dt = elapse(self._state, float(one), self._law.period, self._law.stale_after)
             settle(self._state, max(dt - self._law.stale_after, 0.0))
-        return self._zeros(len(time))
+        return self._zeros(len(time), why)
 
-    def _zeros(self, count: int) -> DitherBlock:
+    def _zeros(self, count: int, reason: int = FROZEN) -> DitherBlock:
         level, why = np.zeros((2, count), np.int64)
-        why.fill(FROZEN)
+        why.fill(reason)
         rms, predicted, limit = np.zeros((3, count))
         return DitherBlock(np.zeros((count, self._effectors)), rms, predicted, limit, level, why)
 

@@ -44,8 +44,9 @@ REASONS = (
     "the estimator is frozen",
     "acceleration limit",
     "known to dither.target_error",
+    "not flying",
 )
-DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN = range(len(REASONS))
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN, GROUNDED = range(len(REASONS))
 
 
 class DitherBlock(NamedTuple):

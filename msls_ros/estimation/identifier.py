@@ -18,16 +18,18 @@ from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
-from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
+from msls_ros.estimation.dither_answer import GROUNDED, Dither, DitherBlock, Level
 from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
 from msls_ros.estimation.gusts import clear_air, make_air, observe_air
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.screening import GROUNDED as GROUND
+from msls_ros.estimation.screening import HELD, Screen, Screened
 from msls_ros.estimation.soundness import SOUND, all_within
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
@@ -52,7 +54,7 @@ class Run:
 
 
 class Samples(NamedTuple):
-    """Checked samples as the compiled loop takes them: k of n states and m effectors, p regressors, r rows."""
+    """Samples to learn from, as the compiled loop takes them: k of n states, m effectors, p regressors, r rows."""
 
     time: Array
     """(k,) [s]."""
@@ -95,6 +97,7 @@ class Identifier:
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
         self._defect = make_defect(c.rows, c.sample_rate)
+        self._screen = Screen(c)
         self._enabled = True
         self._followed = -1, -1
         self._turned = -1, 0.0, 0.0
@@ -110,6 +113,11 @@ class Identifier:
         self._supervisor.reset()
         clear_air(self._air)
         clear_defect(self._defect)
+        self._screen.reset()
+        self._passed = 0
+        """Samples that are not learnt from, or not yet."""
+        self._newest: tuple[Output, int] | None = None
+        """What came of the last sample that was learnt from: where, and at which place."""
         self._events: list[FaultEvent] = []
         self._dither = Dither(np.zeros(len(self.configuration.effectors)), 0.0, 0.0, 0.0, Level.OFF, "no sample yet")
         self._error = self._statistic = np.zeros(len(self.configuration.rows))
@@ -194,6 +202,26 @@ class Identifier:
         return not isinstance(self._regression, BankRegression) and self._regression.moving_air
 
     @property
+    def flying(self) -> bool:
+        """Whether the last sample was of flight; on the ground nothing is learnt and the dither is zero."""
+        return self._screen.flying
+
+    @property
+    def grounded(self) -> int:
+        """Samples that were not of flight, since the last reset; see `screening`."""
+        return self._screen.grounded
+
+    @property
+    def spikes(self) -> int:
+        """Samples dropped because something jumped and came back, since the last reset."""
+        return self._screen.spikes
+
+    @property
+    def spike(self) -> str:
+        """What jumped furthest in the last spike; empty: there was none."""
+        return self._screen.spike
+
+    @property
     def alarms(self) -> int:
         """Alarms since the last reset."""
         return self._supervisor.alarms
@@ -238,7 +266,9 @@ class Identifier:
         """
         sample = np.array([time], dtype=np.float64), _two(x), _two(xdot), _two(delta)
         self._check(*sample)
-        self._take(self._prepare(*sample), 0, 1)
+        screened = self._screened(*sample)
+        count = 1 if screened.learnt is None else int(screened.learnt[0])
+        self._step(self._prepare(screened), 0, count, int(screened.verdict[0]), sample[0], sample[1], sample[3])
         return self._dither
 
     def follow(self, row: str, column: str) -> None:
@@ -285,8 +315,8 @@ class Identifier:
 
     @property
     def samples(self) -> int:
-        """Samples used since the last reset."""
-        return self._regression.samples
+        """Samples since the last reset, but what came while nothing was learnt on demand (`enabled`)."""
+        return self._regression.samples + self._passed
 
     @property
     def covariance(self) -> Array:
@@ -321,25 +351,43 @@ class Identifier:
         run = Run([], [], [], [])
         for begin in range(0, len(time), CHUNK):
             chunk = slice(begin, begin + CHUNK)
-            samples = self._prepare(time[chunk], x[chunk], xdot[chunk], delta[chunk])
-            count, start = len(samples.time), 0
-            while start < count:
-                due = every - self._regression.samples % every
-                stop = min(start + due, count)
-                block, followed = self._take(samples, start, stop)
-                run.dithers.append(block)
-                run.followed.append(followed)
-                run.signals.extend(self._signals)
-                if self._regression.samples % every == 0 or self._events:
-                    run.estimates.append(self.estimate(float(samples.time[stop - 1]), samples.x[stop - 1]))
-                start = stop
+            self._run_chunk(run, time[chunk], x[chunk], xdot[chunk], delta[chunk], every)
         return run
 
-    def _prepare(self, time: Array, x: Array, xdot: Array, delta: Array) -> Samples:
-        """Build the regression of checked samples, and room for what comes of them."""
+    def _run_chunk(self, run: Run, time: Array, x: Array, xdot: Array, delta: Array, every: int) -> None:
+        """Take checked samples, up to `CHUNK` of them."""
+        screened = self._screened(time, x, xdot, delta)
+        samples = self._prepare(screened)
+        ends = np.concatenate([[0], np.cumsum([] if screened.learnt is None else screened.learnt)])
+        count, start = len(time), 0
+        while start < count:
+            stop = min(start + every - self.samples % every, count)
+            first, last = start, stop
+            said = int(screened.verdict[start])
+            if screened.learnt is not None:
+                stop = min(stop, start + alike(screened.learnt[start:], screened.verdict[start:]))
+                first, last = int(ends[start]), int(ends[stop])
+            part = slice(start, stop)
+            block, followed = self._step(samples, first, last, said, time[part], x[part], delta[part])
+            run.dithers.append(block)
+            run.followed.append(followed)
+            run.signals.extend(self._signals)
+            if self.samples % every == 0 or self._events:
+                run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
+            start = stop
+
+    def _screened(self, time: Array, x: Array, xdot: Array, delta: Array) -> Screened:
+        """Say which samples are learnt from; all, where that is not asked, or nothing is learnt."""
+        if self._screen.idle or not self._enabled:
+            return Screened(time, x, xdot, delta, np.zeros(len(time), np.int64), None)
+        return self._screen.judge(time, x, xdot, delta)
+
+    def _prepare(self, screened: Screened) -> Samples:
+        """Build the regression of samples, and room for what comes of them."""
+        time, x, xdot, delta = screened[:4]
         count = len(time)
         phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
-        if self._enabled:
+        if self._enabled and count > 0:
             turning = self.configuration.known_rotation
             build_regression(x, xdot, delta, self._kept, self._forces, self._states, turning, phi, y)
             if isinstance(self._regression, BankRegression):
@@ -348,8 +396,41 @@ class Identifier:
                 self._regression.observe(time, noise)
         return Samples(time, x, xdot, delta, phi, y, self._regression.make_output(count))
 
-    def _take(self, samples: Samples, start: int, stop: int) -> tuple[DitherBlock, Array]:
-        """Put samples through the compiled loop and the dither law.
+    def _step(
+        self, samples: Samples, first: int, last: int, verdict: int, time: Array, x: Array, delta: Array
+    ) -> tuple[DitherBlock, Array]:
+        """Answer samples, of time (k,), x (k, n), delta (k, m), with what is learnt at them.
+
+        Parameters
+        ----------
+        samples, first, last
+            What there is to learn, and what of it at these samples: as many as they are, or any number at a single one.
+        verdict
+            On the first of them: whether it is learnt from, held, or not of flight.
+
+        Returns
+        -------
+        tuple
+            The dithers, and the estimate that is followed after each.
+        """
+        count = len(time)
+        if last > first or not self._enabled:
+            self._passed -= last - first - count
+            return self._take(samples, first, last, count)
+        self._passed += count
+        self._signals.clear()
+        if verdict == HELD and self._newest is not None:
+            out, place = self._newest
+            k = slice(place, place + 1)
+            quiet = np.zeros_like(out.alarm[k])
+            block = self._law.commands(time, Knowledge(out.b[k], out.b_variance[k], out.excitation[k], quiet), delta)
+        else:
+            block = self._law.silence(time, GROUNDED)
+        self._dither = block.at(-1)
+        return block, self._with_known(np.full(count, self._regression.theta[self._followed]), x)
+
+    def _take(self, samples: Samples, start: int, stop: int, count: int) -> tuple[DitherBlock, Array]:
+        """Put samples through the compiled loop, and the last ``count`` of them through the dither law.
 
         Returns
         -------
@@ -358,10 +439,11 @@ class Identifier:
         """
         time, x, xdot, delta, phi, y, out = samples
         part = slice(start, stop)
+        answered = slice(stop - count, stop)
         self._signals.clear()
         if not self._enabled:
             block = self._law.silence(time[part])
-            self._dither = block.at(stop - start - 1)
+            self._dither = block.at(-1)
             return block, self._with_known(np.full(stop - start, self._regression.theta[self._followed]), x[part])
         if not isinstance(self._regression, BankRegression):
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
@@ -369,19 +451,22 @@ class Identifier:
         done = start
         while done < stop:
             done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
-            now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            now = float(time[max(done, stop - count + 1) - 1])
+            alarm, self._statistic = out.alarm[done - 1], out.statistic[done - 1]
             if out.restart[done - 1] != SOUND:
+                self._passed = 0
                 self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
             if any(alarm.tolist()):
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             if self._supervisor.watching:
                 self._events += self._supervisor.follow(now, self._regression)
         self._error = out.e[stop - 1]
+        self._newest = out, stop - 1
         self._signals.append((out.e[part], out.statistic[part]))
-        effects = Knowledge(out.b[part], out.b_variance[part], out.excitation[part], out.alarm[part])
-        block = self._law.commands(time[part], effects, delta[part])
-        self._dither = block.at(stop - start - 1)
-        return block, self._with_known(out.followed[part], x[part])
+        effects = Knowledge(out.b[answered], out.b_variance[answered], out.excitation[answered], out.alarm[answered])
+        block = self._law.commands(time[answered], effects, delta[answered])
+        self._dither = block.at(-1)
+        return block, self._with_known(out.followed[answered], x[answered])
 
     def _with_known(self, followed: Array, x: Array) -> Array:
         """Return the estimate that is followed, (k,), with what is known of it at the states x, (k, n)."""
@@ -434,12 +519,20 @@ class Identifier:
             delay=delay,
             delay_std=delay_std,
             lag=self._regression.lag,
-            samples=self._regression.samples,
+            samples=self.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),
             events=self.take_events(),
             dither=self._dither,
         )
+
+
+def alike(learnt: Integers, verdict: Integers) -> int:
+    """Return how many samples from the first on can be answered at once: each learnt alone, or none of flight."""
+    if learnt[0] != 1 and verdict[0] != GROUND:
+        return 1
+    other = (learnt != learnt[0]) | (verdict != verdict[0])
+    return int(np.argmax(other)) if other.any() else len(learnt)
 
 
 def _two(array: Array) -> Array:

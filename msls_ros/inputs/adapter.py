@@ -14,7 +14,8 @@ kinematics        Phi, Theta, Psi     the rates and the Euler angles
 differentiated    any                 a window of samples; then all else passes the same window, see `derivatives`
 ================  ==================  =============================================================================
 
-What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`.
+What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`,
+`spike`.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ import numpy as np
 
 from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.spikes import SpikeFilter, spike_settings
 from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
 from msls_ros.inputs.derivatives import DerivativeFilter
@@ -84,6 +86,8 @@ class InputAdapter:
     time_jump
         A step back in time larger than this [s] starts anew, once confirmed (see `timeline`); a message that goes back
         less is refused.
+    reference_speed
+        Of flight [m/s].
     refused
         Where refusals are counted by reason; None: in a counter of its own.
     report
@@ -102,6 +106,7 @@ class InputAdapter:
         effectors: Sequence[str],
         *,
         time_jump: float = 1.0,
+        reference_speed: float = 100.0,
         refused: Counter[str] | None = None,
         report: Callable[[Refused], None] = lambda _: None,
     ) -> None:
@@ -129,8 +134,18 @@ class InputAdapter:
         self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
-        columns = 2 * len(self._states) + len(self._effectors) + 3
-        self._filter = DerivativeFilter(inputs.intervals, columns, inputs.maximum_age) if differentiated else None
+        n, m = len(self._states), len(self._effectors)
+        self._filter = DerivativeFilter(inputs.intervals, 2 * n + m + 3, inputs.maximum_age) if differentiated else None
+        velocity = [name in _VELOCITY for name in self._states]
+        self._spikes = SpikeFilter(
+            spike_settings(
+                [*velocity, *[False] * m, *velocity, *[False] * 3],
+                [*[False] * (n + m), *[True] * n, *[False] * 3],
+                reference_speed,
+                inputs.maximum_age * 1e-9,
+            )
+        )
+        self._names = (*self._states, *self._effectors, *(f"d{name}/dt" for name in self._states), *_RATES)
         frames.to_body((0.0, 0.0, 0.0), frames.euler_angles((1.0, 0.0, 0.0, 0.0), "frd", "ned"))  # compiles now
         self._restart()
 
@@ -232,6 +247,8 @@ class InputAdapter:
         self._continued: dict[str, float] = {}
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
+        self._held: list[tuple[int, Array]] = []
+        self._spikes.clear()
         if self._filter is not None:
             self._filter.clear()
 
@@ -273,22 +290,41 @@ class InputAdapter:
     def _rows(self, t: int, values: Sequence[Values]) -> Iterator[Row]:
         """Make the rows of an instant, or of the window that it completes."""
         at = self._quantities(values)
-        n, m = len(self._states), len(self._effectors)
         row = [at[name] for name in self._states] + [at[f"effectors.{name}"] for name in self._effectors]
         row += self._known_derivatives(at) + [at.get(name, 0.0) for name in _RATES]
-        if self._filter is None:
-            smooth, slope = np.array(row), None
-            turning = [at.get(f"d{name}", 0.0) for name in _RATES]
-        else:
-            gaps = self._filter.gaps
-            filtered = self._filter.push(t, np.array(row))
-            if self._filter.gaps > gaps:
-                text = f"more than {self.inputs.maximum_age * 1e-9:g} s between samples before {t * 1e-9:.3f} s"
-                self._refuse(Refused("gap", f"{text}: the window of the derivatives starts anew"))
-            if filtered is None:
-                return
-            t, smooth, slope = filtered.stamp, filtered.smooth, filtered.slope
-            turning = slope[n + m + n :].tolist()
+        if self._filter is None:  # the identifier looks for spikes itself
+            yield from self._made(t, np.array(row), None, [at.get(f"d{name}", 0.0) for name in _RATES])
+            return
+        for stamp, one in self._without_spikes(t, np.array(row)):
+            yield from self._filtered(self._filter, stamp, one)
+
+    def _without_spikes(self, t: int, row: Array) -> list[tuple[int, Array]]:
+        """Return the rows that are used from now on: this one, and those that were held before it."""
+        used = self._spikes.take(t * 1e-9, row)
+        if used < 0:
+            self._held.append((t, row))
+            return []
+        for stamp, _ in self._held[: len(self._held) - used]:
+            name = self._names[self._spikes.furthest]
+            self._refuse(Refused("spike", f"{name} at {stamp * 1e-9:.3f} s jumps, and is back at {t * 1e-9:.3f} s"))
+        rows = [*self._held[len(self._held) - used :], (t, row)]
+        self._held = []
+        return rows
+
+    def _filtered(self, window: DerivativeFilter, t: int, row: Array) -> Iterator[Row]:
+        """Make the rows of the window that an instant completes."""
+        gaps = window.gaps
+        filtered = window.push(t, row)
+        if window.gaps > gaps:
+            text = f"more than {self.inputs.maximum_age * 1e-9:g} s between samples before {t * 1e-9:.3f} s"
+            self._refuse(Refused("gap", f"{text}: the window of the derivatives starts anew"))
+        if filtered is not None:
+            turning = filtered.slope[-len(_RATES) :].tolist()
+            yield from self._made(filtered.stamp, filtered.smooth, filtered.slope, turning)
+
+    def _made(self, t: int, smooth: Array, slope: Array | None, turning: Sequence[float]) -> Iterator[Row]:
+        """Make the rows of an instant from its numbers, what they do where that is known, and angular accelerations."""
+        n, m = len(self._states), len(self._effectors)
         xdot = smooth[n + m : n + m + n].copy()
         lever = frames.cross(turning, self._arm)
         for i, name in enumerate(self._states):

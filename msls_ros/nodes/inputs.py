@@ -57,6 +57,7 @@ def make_adapter(
         configuration.states,
         configuration.effectors,
         time_jump=configuration.time_jump,
+        reference_speed=configuration.reference_speed,
         refused=gate.refused,
         report=report,
     )

@@ -55,10 +55,16 @@ def mapped_recording(
     def note(one: Refused) -> None:
         examples.setdefault(one.reason, str(one))
 
+    c = configuration
     adapter = InputAdapter(
-        inputs, configuration.states, configuration.effectors, time_jump=configuration.time_jump, refused=refused,
+        inputs,
+        c.states,
+        c.effectors,
+        time_jump=c.time_jump,
+        reference_speed=c.reference_speed,
+        refused=refused,
         report=note,
-    )  # fmt: skip
+    )
     adapter.check(reader.topics)
     own = reader.only(adapter.topics)
     found: list[Input] = []

@@ -242,6 +242,7 @@ def _open(
             configuration.states,
             configuration.effectors,
             time_jump=configuration.time_jump,
+            reference_speed=configuration.reference_speed,
             refused=gate.refused,
             report=note,
         )

@@ -1,0 +1,222 @@
+"""Spikes: a number that jumps several times further than it has within a minute, and is back within a few samples.
+
+No aircraft moves like that, but logs and links do: a lost bit, a sensor that reads nothing for a moment, a filter that
+starts anew. Least squares would believe it for as long as it remembers, and the more the larger it is; and a deflection
+that nothing answers is what the loss of a surface looks like. So samples from such a jump on are held until it is seen
+which of the two it is: they are dropped if all that jumped comes back, and used, in order, with the first sample that
+settles it otherwise. A step is learnt a few samples late.
+
+References
+----------
+Menold, Pearson and Allgoewer, "Online outlier detection and removal", Proc. 7th Mediterranean Conference on Control and
+Automation, 1999: filters that look at the neighbours of a sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.compiled import Bound, compiled
+from msls_ros.estimation.kernel import Array, Integers
+
+FURTHER = 3.0
+"""By how much a spike jumps further than anything that is remembered. Differences of Gaussian noise reach 4 standard
+deviations in a minute, and three times that never."""
+REMEMBERED = 60.0
+"""Memory of the largest jump [s]."""
+BACK = 0.25
+"""What is back is no further from where it was than this share of the jump."""
+LEAST = 0.01
+"""Least jump that counts, of rad, rad/s and shares of the speed; ten times that a second for rates of change."""
+LONGEST, LONGEST_RATE = 0.12, 0.06
+"""Longest spike of states and deflections, and of rates of change, which jump where something breaks [s]."""
+REST = 50
+"""Samples before any jump counts."""
+ROOM = 64
+"""Samples held at most."""
+
+
+class SpikeSettings(NamedTuple):
+    """What does not change; c numbers of a sample."""
+
+    least: Array
+    """(c,) least jump that counts."""
+    longest: Array
+    """(c,) longest spike [s]."""
+    gap: float
+    """Samples further apart say nothing of each other [s]."""
+
+
+class SpikeState(NamedTuple):
+    """What is remembered."""
+
+    clock: Array
+    """(1,) of the last sample [s]."""
+    counts: Integers
+    """Samples used since the start or the last gap, held now, dropped; which number jumped furthest in the last spike,
+    and in what is held."""
+    last: Array
+    """(c,) the last sample used."""
+    jump: Array
+    """(c,) by how much each has jumped; 0: it has not."""
+    largest: Array
+    """(c,) largest jump remembered."""
+    held: Array
+    """(`ROOM`, c) samples held."""
+    held_time: Array
+    """(`ROOM`,) [s]."""
+
+
+def spike_settings(velocity: Sequence[bool], rate: Sequence[bool], speed: float, gap: float) -> SpikeSettings:
+    """Return the settings for samples of c numbers.
+
+    Parameters
+    ----------
+    velocity, rate
+        (c,) which numbers are velocities or their rates of change, and which are rates of change.
+    speed
+        Of flight [m/s].
+    gap
+        Longest step of time in samples of one stretch [s].
+    """
+    fast, derived = np.array(velocity, bool), np.array(rate, bool)
+    least = LEAST * np.where(fast, speed, 1.0) * np.where(derived, 10.0, 1.0)
+    return SpikeSettings(least, np.where(derived, LONGEST_RATE, LONGEST), max(gap, LONGEST))
+
+
+def spike_state(count: int) -> SpikeState:
+    """Return the state for samples of so many numbers, nothing seen yet."""
+    last, jump, largest = np.zeros((3, count))
+    return SpikeState(np.zeros(1), np.zeros(5, np.int64), last, jump, largest, np.zeros((ROOM, count)), np.zeros(ROOM))
+
+
+class SpikeFilter:
+    """The filter, for samples that come one by one.
+
+    Parameters
+    ----------
+    settings
+        See `spike_settings`.
+    """
+
+    def __init__(self, settings: SpikeSettings) -> None:
+        """Compile, and start anew; see the class."""
+        self._settings = settings
+        self._state = spike_state(len(settings.least))
+        self._judge = Bound(judge_spike)
+        self.take(0.0, np.zeros(len(settings.least)))
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything; the count stays."""
+        dropped = self.dropped
+        for array in self._state:
+            array[:] = 0
+        self._state.counts[2] = dropped
+
+    @property
+    def dropped(self) -> int:
+        """Samples dropped so far."""
+        return int(self._state.counts[2])
+
+    @property
+    def furthest(self) -> int:
+        """Which number jumped furthest in the last spike."""
+        return int(self._state.counts[3])
+
+    def take(self, time: float, sample: Array) -> int:
+        """Take a sample, (c,) at a time [s].
+
+        Returns
+        -------
+        int
+            How many of the samples that were held last are used before it, 0 where they are dropped; negative: this one
+            is held as well.
+        """
+        return int(self._judge(self._settings, self._state, time, sample))
+
+
+@compiled
+def judge_spike(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> int:
+    """Return how many held samples are used before this one, (c,); negative: this one is held as well."""
+    held = x.counts[1]
+    late = time - x.clock[0] > s.gap or time <= x.clock[0]
+    step = time - x.clock[0]
+    x.clock[0] = time
+    if held > 0 and not late:
+        if is_back(x, sample):
+            x.counts[2] += held
+            x.counts[3] = x.counts[4]
+            x.counts[1] = 0
+            held = 0
+        elif held < x.held.shape[0] and may_be_back(s, x, time):
+            hold(x, time, sample)
+            return -1
+    if late:
+        x.counts[0] = 0
+    elif held == 0 and x.counts[0] >= REST and find_jumps(s, x, sample):
+        hold(x, time, sample)
+        return -1
+    for k in range(held):
+        remember(x, x.held[k], step)
+    remember(x, sample, step)
+    x.counts[1] = 0
+    return int(held)
+
+
+@compiled
+def may_be_back(s: SpikeSettings, x: SpikeState, time: float) -> bool:
+    """Whether what has jumped has not been away for too long."""
+    longest = 0.0
+    for i in range(x.jump.shape[0]):
+        if x.jump[i] != 0.0:
+            longest = max(longest, s.longest[i])
+    return bool(time - x.held_time[0] < longest)
+
+
+@compiled
+def hold(x: SpikeState, time: float, sample: Array) -> None:
+    """Keep a sample, (c,), for later."""
+    place = x.counts[1]
+    for i in range(sample.shape[0]):
+        x.held[place, i] = sample[i]
+    x.held_time[place] = time
+    x.counts[1] = place + 1
+
+
+@compiled
+def find_jumps(s: SpikeSettings, x: SpikeState, sample: Array) -> bool:
+    """Find what jumps further than ever within memory, ``x.jump``; whether anything does."""
+    furthest = 0.0
+    for i in range(sample.shape[0]):
+        jump = sample[i] - x.last[i]
+        limit = max(s.least[i], FURTHER * x.largest[i])
+        x.jump[i] = jump if abs(jump) > limit else 0.0
+        if abs(x.jump[i]) > furthest * limit:
+            furthest = abs(jump) / limit
+            x.counts[4] = i
+    return furthest > 0.0
+
+
+@compiled
+def is_back(x: SpikeState, sample: Array) -> bool:
+    """Whether all that has jumped is back."""
+    away = 0
+    for i in range(sample.shape[0]):
+        if x.jump[i] != 0.0 and abs(sample[i] - x.last[i]) > BACK * abs(x.jump[i]):
+            away += 1
+    return away == 0
+
+
+@compiled
+def remember(x: SpikeState, sample: Array, step: float) -> None:
+    """Update the largest jumps with a sample, (c,), that is used; none is known of the first."""
+    fade = max(1.0 - max(step, 0.0) / REMEMBERED, 0.0)
+    for i in range(sample.shape[0]):
+        jump = abs(sample[i] - x.last[i]) if x.counts[0] > 0 else 0.0
+        x.largest[i] = max(fade * x.largest[i], jump)
+        x.last[i] = sample[i]
+    x.counts[0] += 1
