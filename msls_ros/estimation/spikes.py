@@ -94,7 +94,7 @@ def spike_state(count: int) -> SpikeState:
 
 
 class SpikeFilter:
-    """The filter, for samples that come one by one.
+    """The filter, for rows of c numbers that come one by one.
 
     Parameters
     ----------
@@ -107,36 +107,34 @@ class SpikeFilter:
         self._settings = settings
         self._state = spike_state(len(settings.least))
         self._judge = Bound(judge_spike)
-        self.take(0.0, np.zeros(len(settings.least)))
+        self.dropped: list[int] = []
+        """Stamps of what the last row has shown to be a spike [ns]."""
+        self.clear()
+        self.push(0, np.zeros(len(settings.least)))
         self.clear()
 
     def clear(self) -> None:
-        """Forget everything; the count stays."""
-        dropped = self.dropped
+        """Forget everything."""
         for array in self._state:
             array[:] = 0
-        self._state.counts[2] = dropped
-
-    @property
-    def dropped(self) -> int:
-        """Samples dropped so far."""
-        return int(self._state.counts[2])
+        self._held: list[tuple[int, Array]] = []
 
     @property
     def furthest(self) -> int:
         """Which number jumped furthest in the last spike."""
         return int(self._state.counts[3])
 
-    def take(self, time: float, sample: Array) -> int:
-        """Take a sample, (c,) at a time [s].
-
-        Returns
-        -------
-        int
-            How many of the samples that were held last are used before it, 0 where they are dropped; negative: this one
-            is held as well.
-        """
-        return int(self._judge(self._settings, self._state, time, sample))
+    def push(self, stamp: int, row: Array) -> list[tuple[int, Array]]:
+        """Take a row (c,), stamped [ns]; return stamps and rows to use from now on: those that were held, and it."""
+        self.dropped = []
+        used = int(self._judge(self._settings, self._state, stamp * 1e-9, row))
+        self._held.append((stamp, row))
+        if used < 0:
+            return []
+        held, self._held = self._held, []
+        first = len(held) - 1 - used
+        self.dropped = [one for one, _ in held[:first]]
+        return held[first:]
 
 
 @compiled

@@ -247,7 +247,6 @@ class InputAdapter:
         self._continued: dict[str, float] = {}
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
-        self._held: list[tuple[int, Array]] = []
         self._spikes.clear()
         if self._filter is not None:
             self._filter.clear()
@@ -295,21 +294,12 @@ class InputAdapter:
         if self._filter is None:  # the identifier looks for spikes itself
             yield from self._made(t, np.array(row), None, [at.get(f"d{name}", 0.0) for name in _RATES])
             return
-        for stamp, one in self._without_spikes(t, np.array(row)):
-            yield from self._filtered(self._filter, stamp, one)
-
-    def _without_spikes(self, t: int, row: Array) -> list[tuple[int, Array]]:
-        """Return the rows that are used from now on: this one, and those that were held before it."""
-        used = self._spikes.take(t * 1e-9, row)
-        if used < 0:
-            self._held.append((t, row))
-            return []
-        for stamp, _ in self._held[: len(self._held) - used]:
+        rows = self._spikes.push(t, np.array(row))
+        for stamp in self._spikes.dropped:
             name = self._names[self._spikes.furthest]
             self._refuse(Refused("spike", f"{name} at {stamp * 1e-9:.3f} s jumps, and is back at {t * 1e-9:.3f} s"))
-        rows = [*self._held[len(self._held) - used :], (t, row)]
-        self._held = []
-        return rows
+        for stamp, one in rows:
+            yield from self._filtered(self._filter, stamp, one)
 
     def _filtered(self, window: DerivativeFilter, t: int, row: Array) -> Iterator[Row]:
         """Make the rows of the window that an instant completes."""
