@@ -30,6 +30,7 @@ from benchmarks.calibration_beds import (
     record,
 )
 from benchmarks.servo_beds import servo_beds
+from benchmarks.whole_beds import whole_beds
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
 from msls_ros.estimation.kernel import Array
 from msls_ros.flights.judging import belongs, exposed
@@ -43,19 +44,22 @@ QUIET = 0.25
 DISTINCT = (0.9, 1.1)
 """What is left between these has not changed."""
 QUICK = ("roll_doublet_tail_fault low", "half_loss none", "intact none air low", "A4 25 Hz smooth", "c172x 25 Hz loss")
+MADE: dict[str, Callable[[], Iterable[Bed]]] = {"others": other_beds, "servos": servo_beds, "whole": whole_beds}
+KINDS = ("quick", *MADE)
+"""A few beds that take a minute, other aircraft, commands to servos, whole flights."""
+DIFFERENTIATED = ("servos", "whole")
+"""All derivatives of rates are made by the window there."""
 ESTIMATES = 10.0
 """How many are judged [Hz]."""
 Row = dict[str, Any]
 
 
-def beds(quick: bool, others: bool = False, servos: bool = False) -> list[Bed]:
-    """Return the beds: all, a few that take a minute, those of other aircraft, or of commands to servos."""
-    if others:
-        return list(other_beds())
-    if servos:
-        return list(servo_beds())
+def beds(kind: str = "") -> list[Bed]:
+    """Return the beds: all that a constant may be looked at on, or of one of `KINDS`."""
+    if kind in MADE:
+        return list(MADE[kind]())
     found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
-    return [bed for bed in found if bed.name in QUICK] if quick else found
+    return [bed for bed in found if bed.name in QUICK] if kind == "quick" else found
 
 
 def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Configuration) -> Row:
@@ -77,6 +81,7 @@ def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Confi
     events = [event for estimate in estimates for event in estimate.events]
     alarms = [(event.time, event.equations) for event in events if event.kind == EventKind.DETECTED]
     spans = bed.scenario.fault_spans
+    aloft = float(np.isfinite(flight.truth_b).all(axis=(1, 2)).mean())
     late = 0.5 * straddle / configuration.sample_rate  # a window's stamp is its middle: it has seen what comes after
     seen = [time + late for time, _ in alarms]
     return {
@@ -88,8 +93,8 @@ def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Confi
         "faults": len(spans),
         "detected": sum(any(belongs(time, span) for time in seen) for span in spans),
         "seen_within_half": sum(any(0.0 < time - span[0] <= 0.5 for time in seen) for span in spans),
-        "false_alarms": sum(not any(belongs(time, span) for span in spans) for time in seen),
-        "exposed_s": exposed(spans, float(flight.time[-1])),
+        "false_alarms": sum(not any(belongs(time, span) for span in spans) for time in seen if flies(flight, time)),
+        "exposed_s": aloft * exposed(spans, float(flight.time[-1])),
         "isolations": [judge_name(bed.scenario, flight, e) for e in events if e.kind == EventKind.ISOLATED],
     }
 
@@ -112,6 +117,8 @@ def count(
         t = estimate.time
         k = min(int(np.searchsorted(flight.time, t)), len(flight.time) - 1)
         true_a, true_b = truth_at(flight, t)
+        if not np.isfinite(true_b).all():
+            continue
         known = ~np.asarray(estimate.a_known)
         for q, state in enumerate(kept):
             phase = phase_of(t - float(flight.time[0]), t, times[q], bool(still[k]))
@@ -163,6 +170,11 @@ def truth_at(flight: Recorded, time: float) -> tuple[Array, Array]:
     share = min(max((time - before) / (after - before), 0.0), 1.0)
     a, b = flight.truth_a, flight.truth_b
     return (1.0 - share) * a[j] + share * a[j + 1], (1.0 - share) * b[j] + share * b[j + 1]
+
+
+def flies(flight: Recorded, time: float) -> bool:
+    """Whether there is a truth at a time [s]: none on the ground."""
+    return bool(np.isfinite(truth_at(flight, time)[1]).all())
 
 
 def judge_name(scenario: Scenario, flight: Recorded, event: FaultEvent) -> Row:
@@ -258,13 +270,10 @@ def phase_numbers(cells: Sequence[Sequence[Any]]) -> Row:
 
 def measure(
     seeds: Sequence[int],
-    quick: bool,
     folder: Path | None,
     say: Callable[[str], None],
+    kind: str = "",
     method: str = "",
-    *,
-    others: bool = False,
-    servos: bool = False,
 ) -> Row:
     """Fly and judge all beds; what stands in the folder from an earlier call with the same code is not done again.
 
@@ -272,21 +281,17 @@ def measure(
     ----------
     seeds
         Of each bed.
-    quick
-        A few beds only.
     folder
         Where flights and results are kept; None: nowhere.
     say
         Told about every flight.
+    kind
+        Which beds instead, of `KINDS`.
     method
         Of the estimator instead of the profile's.
-    others
-        The beds of other aircraft, `OTHERS`, instead.
-    servos
-        The beds of commands to servos instead, whose derivatives are all made by the window.
     """
-    todo = [(bed, seed) for bed in beds(quick, others, servos) for seed in seeds]
-    paths = PATHS[1:] if servos else PATHS
+    todo = [(bed, seed) for bed in beds(kind) for seed in seeds]
+    paths = PATHS[1:] if kind in DIFFERENTIATED else PATHS
     kept, rows = kept_rows(folder, f"rows{'-' + method if method else ''}")
     done = {(row["bed"], row["seed"], row["path"]) for row in rows}
     for k, (bed, seed) in enumerate(todo, 1):

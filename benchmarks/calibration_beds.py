@@ -18,6 +18,7 @@ import numpy as np
 
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.spikes import SpikeFilter, spike_settings
 from msls_ros.fleet.work import running_code
 from msls_ros.flights.aircraft_files import find_aircraft
 from msls_ros.flights.closed_loop import Rates, fly
@@ -227,15 +228,18 @@ def mapped(flight: Recorded) -> tuple[Array, Array, Array, Array]:
     """
     n, m = flight.x.shape[1], flight.delta.shape[1]
     window = DerivativeFilter(INTERVALS, 2 * n + m, round(1e9))
+    velocity = [k < 3 for k in range(n)]
+    kinds = [*velocity, *[False] * m, *velocity], [*[False] * (n + m), *[True] * n]
+    spikes = SpikeFilter(spike_settings(*kinds, float(np.median(flight.x[:, 0])), 1.0))
     rows = []
     for k in range(len(flight.time)):
         x, known = flight.x[k], flight.xdot[k].copy()
         known[6:9] = euler_rates((x[3], x[4], x[5]), (x[6], x[7]))
-        row = np.concatenate([x, flight.delta[k], known])
-        filtered = window.push(round(flight.time[k] * 1e9), row)
-        if filtered is not None:
-            derivative = filtered.smooth[n + m :].copy()
-            derivative[3:6] = filtered.slope[3:6]
-            rows.append((filtered.stamp * 1e-9, filtered.smooth[:n], derivative, filtered.smooth[n : n + m]))
+        for stamp, row in spikes.push(round(flight.time[k] * 1e9), np.concatenate([x, flight.delta[k], known])):
+            filtered = window.push(stamp, row)
+            if filtered is not None:
+                derivative = filtered.smooth[n + m :].copy()
+                derivative[3:6] = filtered.slope[3:6]
+                rows.append((filtered.stamp * 1e-9, filtered.smooth[:n], derivative, filtered.smooth[n : n + m]))
     time, states, derivatives, deflections = (np.array(column) for column in zip(*rows, strict=True))
     return time, states, derivatives, deflections

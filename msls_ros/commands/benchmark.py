@@ -68,9 +68,13 @@ def parser() -> argparse.ArgumentParser:
     control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
     calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
     which = calibration.add_mutually_exclusive_group()
-    which.add_argument("--quick", action="store_true", help="a few beds, a minute")
-    which.add_argument("--others", action="store_true", help="thirteen other aircraft, instead")
-    which.add_argument("--servos", action="store_true", help="small aircraft by the commands to their servos, instead")
+    for kind, text in (
+        ("quick", "a few beds, a minute"),
+        ("others", "thirteen other aircraft, instead"),
+        ("servos", "small aircraft by the commands to their servos, instead"),
+        ("whole", "their flights from rest to rest, with spikes and without, instead"),
+    ):
+        which.add_argument(f"--{kind}", action="store_const", dest="kind", const=kind, default="", help=text)
     calibration.add_argument("--method", choices=("bank", "msls", "rls"), help="instead of the profiles' (bank)")
     accuracy = commands.add_parser("accuracy", help="errors beside MSLS and RLS, batch and the truth, on all beds")
     which = accuracy.add_mutually_exclusive_group()
@@ -156,8 +160,7 @@ def _faults(arguments: argparse.Namespace) -> Any:
 def _calibration(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.calibration")
     seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    kind = {"others": arguments.others, "servos": arguments.servos}
-    result = module.measure(seeds, arguments.quick, arguments.folder, _say, arguments.method or "", **kind)
+    result = module.measure(seeds, arguments.folder, _say, arguments.kind, arguments.method or "")
     if not arguments.json:
         print(module.render(result))
     return result

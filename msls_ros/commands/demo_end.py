@@ -25,7 +25,8 @@ def prepare(configuration: Configuration) -> None:
     print("preparing the estimator (compiled once, a minute or two) ...", file=sys.stderr, flush=True)
     begin = time.monotonic()
     n, m = len(configuration.states), len(configuration.effectors)
-    Identifier(configuration).update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))
+    flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
+    Identifier(configuration).update(0.0, flying, np.zeros(n), np.zeros(m))
     took = time.monotonic() - begin
     if took > _QUICK:
         print(f"compiled in {took:.0f} s, kept for the next time", file=sys.stderr, flush=True)

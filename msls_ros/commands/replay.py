@@ -260,6 +260,8 @@ def summary(bag: Path, out: Path, parameters: str, result: Replay, findings: Seq
         "events": events,
         "refused": result.refused,
         "restarts": result.restarts,
+        "not_flying": result.grounded,
+        "spikes": result.spikes,
         "wall_time_s": round(result.wall_time, 3),
         "samples_per_s": round(result.samples / result.wall_time),
         "warnings": result.warnings,
@@ -276,6 +278,7 @@ def describe(result: dict[str, Any]) -> str:
         f"  parameters  {result['parameters']}",
         f"  samples     {result['samples']}, {result['start_s']:.3f} s to {result['end_s']:.3f} s; "
         f"{result['models']} models, {result['restarts']} jumps of time",
+        f"  not learnt  {result['not_flying']} samples not of flight, {result['spikes']} spikes",
         f"  refused     {refused}",
         f"  alarms      {result['alarms']}",
     ]

@@ -4,7 +4,8 @@ No aircraft moves like that, but logs and links do: a lost bit, a sensor that re
 starts anew. Least squares would believe it for as long as it remembers, and the more the larger it is; and a deflection
 that nothing answers is what the loss of a surface looks like. So samples from such a jump on are held until it is seen
 which of the two it is: they are dropped if all that jumped comes back, and used, in order, with the first sample that
-settles it otherwise. A step is learnt a few samples late.
+settles it otherwise. A step is learnt a few samples late; where only rates of change have jumped, as where something
+breaks, and stay, one sample.
 
 References
 ----------
@@ -56,7 +57,7 @@ class SpikeState(NamedTuple):
     clock: Array
     """(1,) of the last sample [s]."""
     counts: Integers
-    """Samples used since the start or the last gap, held now, dropped; which number jumped furthest in the last spike,
+    """Samples used since the start, held now, dropped; which number jumped furthest in the last spike,
     and in what is held."""
     last: Array
     """(c,) the last sample used."""
@@ -141,38 +142,40 @@ class SpikeFilter:
 def judge_spike(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> int:
     """Return how many held samples are used before this one, (c,); negative: this one is held as well."""
     held = x.counts[1]
-    late = time - x.clock[0] > s.gap or time <= x.clock[0]
     step = time - x.clock[0]
+    apart = step > s.gap or step <= 0.0  # from the last sample used: what lies between may have been motion
     x.clock[0] = time
-    if held > 0 and not late:
+    if held > 0 and not apart:
         if is_back(x, sample):
             x.counts[2] += held
             x.counts[3] = x.counts[4]
-            x.counts[1] = 0
             held = 0
-        elif held < x.held.shape[0] and may_be_back(s, x, time):
+            apart = True
+        elif held < x.held.shape[0] and may_be_back(s, x, time, sample):
             hold(x, time, sample)
             return -1
-    if late:
-        x.counts[0] = 0
-    elif held == 0 and x.counts[0] >= REST and find_jumps(s, x, sample):
+    if held == 0 and not apart and x.counts[0] >= REST and find_jumps(s, x, sample):
+        x.counts[1] = 0
         hold(x, time, sample)
         return -1
     for k in range(held):
-        remember(x, x.held[k], step)
-    remember(x, sample, step)
+        remember(x, x.held[k], step, False)
+    remember(x, sample, step, apart)
     x.counts[1] = 0
     return int(held)
 
 
 @compiled
-def may_be_back(s: SpikeSettings, x: SpikeState, time: float) -> bool:
-    """Whether what has jumped has not been away for too long."""
+def may_be_back(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> bool:
+    """Whether what has jumped may come back yet: it is not long ago, and no rate of change that jumped and stays."""
     longest = 0.0
-    for i in range(x.jump.shape[0]):
+    moving = 0
+    for i in range(sample.shape[0]):
         if x.jump[i] != 0.0:
             longest = max(longest, s.longest[i])
-    return bool(time - x.held_time[0] < longest)
+            stays = abs(sample[i] - x.last[i] - x.jump[i]) <= BACK * abs(x.jump[i])
+            moving += 0 if stays and s.longest[i] < LONGEST else 1
+    return moving > 0 and time - x.held_time[0] < longest
 
 
 @compiled
@@ -210,11 +213,11 @@ def is_back(x: SpikeState, sample: Array) -> bool:
 
 
 @compiled
-def remember(x: SpikeState, sample: Array, step: float) -> None:
-    """Update the largest jumps with a sample, (c,), that is used; none is known of the first."""
+def remember(x: SpikeState, sample: Array, step: float, apart: bool) -> None:
+    """Update the largest jumps with a sample, (c,), that is used; nothing is known of one apart from the last."""
     fade = max(1.0 - max(step, 0.0) / REMEMBERED, 0.0)
     for i in range(sample.shape[0]):
-        jump = abs(sample[i] - x.last[i]) if x.counts[0] > 0 else 0.0
+        jump = 0.0 if apart or x.counts[0] == 0 else abs(sample[i] - x.last[i])
         x.largest[i] = max(fade * x.largest[i], jump)
         x.last[i] = sample[i]
     x.counts[0] += 1

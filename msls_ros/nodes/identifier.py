@@ -273,7 +273,13 @@ class IdentifierNode(LifecycleNode):
             self._rate.clear()
         elif self._sample is None:
             self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
+        flew, spikes = self._identifier.flying, self._identifier.spikes
         dither = self._identifier.learn(sample.time, sample.x, sample.xdot, sample.delta)
+        if self._identifier.flying != flew:
+            self.get_logger().info("flying: samples are learnt from" if not flew else "not flying: nothing is learnt")
+        if self._identifier.spikes != spikes:
+            text = f"{self._identifier.spike} jumped away and back before {sample.time:.3f} s: not learnt from"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
         self._sample = sample
         if self._old(sample):
             self._monitor.old += 1

@@ -112,6 +112,9 @@ def told(identifier: Identifier, gate: Synchronizer, stale: bool) -> dict[str, o
         "samples": gate.paired,
         "alarms": identifier.alarms,
         "restarts": gate.restarts,
+        "not of flight [samples]": identifier.grounded,
+        "spikes [samples]": identifier.spikes,
+        "last spike": identifier.spike or "none",
         "motion made by gusts [%]": round(100.0 * identifier.air),
         "dither": why,
         "kernels": "compiled" if HAVE_NUMBA else "interpreted",
@@ -128,6 +131,8 @@ def judged(identifier: Identifier, rate: RateWatch, active: bool, stale: bool) -
         return DiagnosticStatus.WARN, rate.sentence
     if not identifier.enabled:
         return DiagnosticStatus.WARN, "frozen: samples are not learnt from"
+    if not identifier.flying:
+        return DiagnosticStatus.OK, "not flying: nothing is learnt, the dither is zero"
     air = round(100.0 * identifier.air)
     gusts = f", error bars widened: gusts make {air} % of the motion" if identifier.moving_air else ""
     return DiagnosticStatus.OK, f"identifying{gusts}"

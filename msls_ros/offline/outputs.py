@@ -44,8 +44,10 @@ class IdentifierOutput:
         self._writer, self._every = writer, every
         self._identifier = Identifier(configuration, straddle)
         n, m = len(configuration.states), len(configuration.effectors)
-        self._identifier.update(0.0, np.zeros(n), np.zeros(n), np.zeros(m))  # compiles
+        flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
+        self._identifier.update(0.0, flying, np.zeros(n), np.zeros(m))  # compiles
         self._identifier.reset()
+        self._before = 0, 0
         self._effectors = list(configuration.effectors)
         self._topic = {leaf: prefix + leaf for leaf in OUTPUTS}
         for leaf, msgtype in OUTPUTS.items():
@@ -62,6 +64,16 @@ class IdentifierOutput:
         self.span: tuple[int, int] | None = None
         """Stamps of the first and the last sample [ns]."""
 
+    @property
+    def grounded(self) -> int:
+        """Samples that were not of flight."""
+        return self._before[0] + self._identifier.grounded
+
+    @property
+    def spikes(self) -> int:
+        """Samples that were not learnt from because something jumped away and back."""
+        return self._before[1] + self._identifier.spikes
+
     def take(self, segment: PairedBlock) -> None:
         """Identify from a segment; write its dithers, events and models in the order of their stamps.
 
@@ -71,6 +83,7 @@ class IdentifierOutput:
             If the bag cannot be written.
         """
         if segment.restarted:
+            self._before = self.grounded, self.spikes
             self._identifier.reset()
         stamps = segment.stamps
         time = np.multiply(stamps, 1e-9, dtype=np.float64)

@@ -88,6 +88,10 @@ class Replay:
     """Messages refused, by reason."""
     restarts: int
     """Jumps back in time."""
+    grounded: int
+    """Samples that were not of flight."""
+    spikes: int
+    """Samples that were not learnt from because something jumped away and back."""
     span: tuple[int, int] | None
     """Stamps of the first and the last sample [ns]."""
     wall_time: float
@@ -208,6 +212,8 @@ def _write(
         output.events,
         dict(gate.refused),
         gate.restarts,
+        output.grounded,
+        output.spikes,
         output.span,
         wall_time,
         warnings,

@@ -84,10 +84,10 @@ def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
         flown.append(seed)
         return recorded(n=100, rate=25.0)
 
-    monkeypatch.setattr(calibration, "beds", lambda quick, others, servos: [bed])
+    monkeypatch.setattr(calibration, "beds", lambda kind: [bed])
     monkeypatch.setattr(calibration, "record", fly)
-    calibration.measure([1], False, tmp_path, lambda text: None)
-    result = calibration.measure([1, 2], False, tmp_path, lambda text: None)
+    calibration.measure([1], tmp_path, lambda text: None)
+    result = calibration.measure([1, 2], tmp_path, lambda text: None)
     assert flown == [1, 2]
     (direct, through) = json.loads(json.dumps(result))["table"].values()
     assert direct["flights"] == through["flights"] == 2

@@ -52,7 +52,7 @@ def test_what_is_commanded_acts_late_and_through_the_servo() -> None:
 
 
 def test_they_are_beds_of_calibration_through_mapped_inputs_alone() -> None:
-    found = calibration.beds(False, servos=True)
+    found = calibration.beds("servos")
     assert {one.group for one in found} == {"servo commands"}
     one = replace(bed("measured"), duration=8.0)
     row = calibration.judge(one, 1, fly(one, 1), "mapped", one.configuration(1))

@@ -72,9 +72,9 @@ def test_a_burst_that_nothing_forgets_never_leaves_a_wrong_estimate_reliable(met
     identifier = Identifier(from_mapping(changes))
     x, xdot, delta = calm()
     rng = np.random.default_rng(3)
-    burst = slice(700, 705)
-    x[burst], delta[burst] = 1e3 * rng.normal(size=(5, 9)), 1e3 * rng.normal(size=(5, EFFECTORS))
-    xdot[burst] = 1e10 * rng.normal(size=(5, 9))
+    burst = slice(700, 710)  # longer than a spike
+    x[burst], delta[burst] = 1e3 * rng.normal(size=(10, 9)), 1e3 * rng.normal(size=(10, EFFECTORS))
+    xdot[burst] = 1e10 * rng.normal(size=(10, 9))
     estimates = identifier.run(np.arange(CALM) / 50.0, x, xdot, delta).estimates
     reset = next(v for e in estimates[burst.stop :] for v in e.events if v.kind == EventKind.RESET)
     assert reset.time * 50.0 - burst.stop < 3 * len(identifier.configuration.regressors)
