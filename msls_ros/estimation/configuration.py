@@ -49,10 +49,12 @@ class Configuration:
         "paper)",
         in_flight=False,
     )
-    reference_speed: float = parameter(100.0, "scale of u, v and w", unit="m/s", low=1e-6, high=1e6, in_flight=False)
+    reference_speed: float = parameter(
+        100.0, "speed of flight, scale of u, v and w", unit="m/s", low=1e-6, high=1e6, in_flight=False
+    )
     flying_speed: float = parameter(
         0.25,
-        "bank, with known_gravity: slower than this share of reference_speed it does not fly, and nothing is learnt",
+        "bank, with known_gravity: below this share of reference_speed it does not fly, nothing is learnt; 0: always",
         unit="1",
         low=0.0,
         high=1.0,

@@ -399,3 +399,25 @@ def test_a_number_is_written_only_where_one_stands(path: str) -> None:
     with pytest.raises(EstimationError, match="expected a real number"):
         FieldPath(path).write(joints, 0.25)
     assert joints == before
+
+
+@pytest.mark.parametrize("field", ["s", "e"])
+def test_what_jumps_away_and_back_never_enters_the_window_and_is_counted(field: str) -> None:
+    """The rows are those of a log without these instants; what stays away is a step, and is used."""
+    spoilt, away = (80, 81), 120
+    made, clean = adapter({"derivatives": {}}), adapter({"derivatives": {}})
+    said: list[str] = []
+    made._report = lambda refused: said.append(str(refused))
+    rows: list[list[Any]] = [[], []]
+    for k in range(160):
+        for topic, arrived, message in sample(k):
+            message = deepcopy(message)
+            if hasattr(message, field):
+                setattr(message, field, getattr(message, field) + 5.0 * (k in spoilt) + 4.0 * (k >= away))
+            rows[0] += made.push(topic, arrived, message)
+            rows[1] += clean.push(topic, arrived, message) if k not in spoilt else []
+    assert numbers(rows[0]) == numbers(rows[1])
+    assert made.refused["spike"] == 2 and clean.refused["spike"] == 0
+    assert said[0] == f"{field} at 0.800 s jumps, and is back at 0.820 s"
+    made._begin_anew()
+    assert made.push(*sample(200)[0]) == []
