@@ -132,7 +132,9 @@ def judged(identifier: Identifier, rate: RateWatch, active: bool, stale: bool) -
     if not identifier.enabled:
         return DiagnosticStatus.WARN, "frozen: samples are not learnt from"
     if not identifier.flying:
-        return DiagnosticStatus.OK, "not flying: nothing is learnt, the dither is zero"
+        c = identifier.configuration
+        slow = f"slower than {c.flying_speed * c.reference_speed:.3g} m/s, or not climbing yet"
+        return DiagnosticStatus.OK, f"not flying ({slow}): nothing is learnt, the dither is zero"
     air = round(100.0 * identifier.air)
     gusts = f", error bars widened: gusts make {air} % of the motion" if identifier.moving_air else ""
     return DiagnosticStatus.OK, f"identifying{gusts}"

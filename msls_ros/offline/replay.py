@@ -205,6 +205,12 @@ def _write(
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:
         warnings.append(f"{reader.path}: not one sample; {_why_none(source.topics, gate, reasons)}")
+    if 2 * output.grounded > output.samples:
+        c = configuration
+        slow = f"slower than {c.flying_speed * c.reference_speed:.3g} m/s, or not seen to climb after it"
+        mend = f"check reference_speed, {c.reference_speed:g} m/s, or set flying_speed to 0"
+        what = f"{output.grounded} of {output.samples} samples are not of flight ({slow}) and not learnt from"
+        warnings.append(f"{reader.path}: {what}; {mend}")
     wall_time = time.perf_counter() - start
     return Replay(
         output.samples,

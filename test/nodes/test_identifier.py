@@ -155,6 +155,29 @@ def test_diagnostics_tell_the_count_of_refusals_by_reason(bench: Bench) -> None:
     assert "5 messages refused" in newest()["status"] or "no samples" in newest()["status"]
 
 
+def test_diagnostics_tell_what_is_not_learnt_from_on_the_ground_and_spikes(bench: Bench) -> None:
+    """At rest the node answers with no dither and says why; flying, it drops a deflection that jumps and is back."""
+    feeder = Feeder(bench, **{"reference_speed": 100.0})
+    newest = bench.diagnostics("identifier")
+    for k in range(1, 4):
+        bench.publish("state", feeder.state(k, x=np.zeros(len(STATES))))
+        bench.publish("effectors", feeder.effectors(k))
+        bench.expect(feeder.dither, k)
+    assert all(one.reason == "not flying" and not np.any(one.delta) for one in feeder.dither)
+    bench.spin_until(lambda: newest().get("not of flight [samples]") == "3")
+    bench.spin_until(lambda: "not flying (slower than 25 m/s" in newest()["status"])
+    assert feeder.node._identifier is not None
+    feeder.node._identifier.reset()
+    feeder.k = 3
+    feeder.feed(80)
+    bench.publish("state", feeder.state(84))
+    bench.publish("effectors", feeder.effectors(84, delta=with_value(DELTA[84], 1, 3.0)))
+    bench.expect(feeder.dither, 84)
+    feeder.k = 84
+    feeder.feed(1)
+    bench.spin_until(lambda: (newest().get("spikes [samples]"), newest().get("last spike")) == ("1", EFFECTORS[1]))
+
+
 def test_each_reason_is_logged_once_a_second(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
     feeder = Feeder(bench)
     clock = Clockwork()

@@ -45,6 +45,16 @@ def test_a_recorded_flight_replays_to_what_the_node_said_in_flight(name: str, tm
     assert any("fault" in name and event.kind.name == "DETECTED" for _, event in result.events) == ("fault" in name)
 
 
+def test_a_reference_speed_that_makes_a_flight_a_roll_is_told(tmp_path: Path, configuration: Configuration) -> None:
+    bag = BAGS / "tail_fault"
+    slow = configuration.replace({"reference_speed": 2000.0})
+    result = replay(bag, tmp_path / "out", slow)
+    assert result.grounded == result.samples
+    assert "slower than 500 m/s" in result.warnings[0] and "check reference_speed" in result.warnings[0]
+    always = replay(bag, tmp_path / "all", slow.replace({"flying_speed": 0.0}))
+    assert (always.grounded, always.spikes, always.warnings) == (0, 0, [])
+
+
 def test_the_recorded_flights_are_small_and_whole() -> None:
     for name in FLIGHTS:
         assert sum(file.stat().st_size for file in (BAGS / name).iterdir()) < 2_000_000
