@@ -28,6 +28,8 @@ FURTHER = 3.0
 deviations in a minute, and three times that never."""
 REMEMBERED = 60.0
 """Memory of the largest jump [s]."""
+GROWTH = 1.5
+"""By how much one sample may raise it at most: a spike that was not seen as one does not hide the next."""
 BACK = 0.25
 """What is back is no further from where it was than this share of the jump."""
 LEAST = 0.01
@@ -159,8 +161,8 @@ def judge_spike(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> 
         hold(x, time, sample)
         return -1
     for k in range(held):
-        remember(x, x.held[k], step, False)
-    remember(x, sample, step, apart)
+        remember(s, x, x.held[k], step, False)
+    remember(s, x, sample, step, apart)
     x.counts[1] = 0
     return int(held)
 
@@ -213,11 +215,11 @@ def is_back(x: SpikeState, sample: Array) -> bool:
 
 
 @compiled
-def remember(x: SpikeState, sample: Array, step: float, apart: bool) -> None:
+def remember(s: SpikeSettings, x: SpikeState, sample: Array, step: float, apart: bool) -> None:
     """Update the largest jumps with a sample, (c,), that is used; nothing is known of one apart from the last."""
     fade = max(1.0 - max(step, 0.0) / REMEMBERED, 0.0)
     for i in range(sample.shape[0]):
         jump = 0.0 if apart or x.counts[0] == 0 else abs(sample[i] - x.last[i])
-        x.largest[i] = max(fade * x.largest[i], jump)
+        x.largest[i] = max(fade * x.largest[i], min(jump, GROWTH * max(x.largest[i], s.least[i])))
         x.last[i] = sample[i]
     x.counts[0] += 1
