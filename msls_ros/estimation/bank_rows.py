@@ -42,8 +42,16 @@ from msls_ros.estimation.soundness import (
 )
 from msls_ros.estimation.state import Output
 
+LAGS = 2.0
+"""Time constants after which what a gap does to a lag is forgotten: to an eighth of it."""
+
 SHARPEN = 4
 """The sharpest member of a row is looked for at every so manieth sample, and at every one after a restart."""
+
+GAP = 1.5
+"""Usual steps between samples from which on some are missing."""
+STEADY = 0.02
+"""Share of the newest in the usual step."""
 
 WEIGH = 2
 """The shares of a row's members are computed anew at every so manieth sample, and at every one after a restart."""
@@ -90,6 +98,12 @@ def advance_bank(
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
+        if follows_gap(s, x, time[n]):
+            x.apart[0] = reach_of(s, x)
+        if x.apart[0] > 0:
+            x.apart[0] -= 1
+            pass_over(s, x, time[n], out, n)
+            continue
         any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, y[n])
         observe_place(s, x, work.phi, time[n])
@@ -117,6 +131,41 @@ def advance_bank(
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def follows_gap(s: BankSettings, x: BankState, time: float) -> bool:
+    """Whether samples are missing before this one, of a time [s]; they may come slower than was said."""
+    if x.samples[0] == 0:
+        x.clock[1] = s.period
+        return False
+    step = time - x.clock[0]
+    gap: bool = step > GAP * max(x.clock[1], s.period)
+    x.clock[1] += STEADY * (min(max(step, 0.0), GAP * x.clock[1]) - x.clock[1])
+    return gap
+
+
+@compiled
+def reach_of(s: BankSettings, x: BankState) -> int:
+    """Return for how many samples after a gap it is not known what acts: those of the delay, and of a lag."""
+    late = x.delay[0] + float(s.responses[x.response[0], 1] * s.late)
+    lag = LAGS * s.lag_times[s.responses[x.response[0], 0]] / s.period
+    return int(math.ceil(late) + math.ceil(lag))
+
+
+@compiled
+def pass_over(s: BankSettings, x: BankState, time: float, out: Output, n: int) -> None:
+    """Let a sample pass that nothing is learnt from: the estimates stay."""
+    for q in range(out.e.shape[1]):
+        out.e[n, q] = 0.0
+        out.statistic[n, q] = 0.0
+        out.alarm[n, q] = 0
+    x.clock[0] = time
+    x.samples[0] += 1
+    report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
+    if s.followed_row >= 0:
+        out.followed[n] = x.theta[s.followed_row, s.followed_column]
+    out.restart[n] = SOUND
 
 
 @compiled

@@ -397,8 +397,10 @@ class BankState(NamedTuple):
     """(r, p, v + w) where they were known."""
     place: Array
     """(v + w,) where that is: mean velocities of now, in units of their scale, and rates [rad/s]."""
+    apart: Integers
+    """(1,) samples to come whose late deflections lie in a gap of the samples."""
     clock: Array
-    """(1,) time of the last sample [s]."""
+    """(2,) time of the last sample, and mean step of time [s]."""
 
 
 class BankWork(NamedTuple):
@@ -590,7 +592,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         best_time=np.zeros((rows, p)),
         best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates))),
         place=np.zeros(len(s.velocities) + len(s.rates)),
-        clock=np.zeros(1),
+        apart=np.zeros(1, np.int64),
+        clock=np.zeros(2),
     )
 
 

@@ -46,7 +46,9 @@ REASONS = (
     "known to dither.target_error",
     "not flying",
 )
-DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN, GROUNDED = range(len(REASONS))
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN, NOT_FLYING = range(
+    len(REASONS)
+)
 
 
 class DitherBlock(NamedTuple):

@@ -89,7 +89,7 @@ class Estimate:
     """Time constant of the first-order lag between recorded deflections and those that act, as found in flight: A and B
     hold for what comes out of it; 0: none [s]."""
     samples: int
-    """Samples used since the last reset."""
+    """Samples since the last reset, those that were not learnt from too (see `screening`)."""
     prediction_error: Array
     """(r,) of the last sample, before its update [state per second]."""
     statistic: Array

@@ -18,7 +18,7 @@ from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
-from msls_ros.estimation.dither_answer import GROUNDED, Dither, DitherBlock, Level
+from msls_ros.estimation.dither_answer import NOT_FLYING, Dither, DitherBlock, Level
 from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
@@ -28,8 +28,7 @@ from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
-from msls_ros.estimation.screening import GROUNDED as GROUND
-from msls_ros.estimation.screening import HELD, Screen, Screened
+from msls_ros.estimation.screening import GROUNDED, HELD, Screen, Screened
 from msls_ros.estimation.soundness import SOUND, all_within
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
@@ -425,7 +424,7 @@ class Identifier:
             quiet = np.zeros_like(out.alarm[k])
             block = self._law.commands(time, Knowledge(out.b[k], out.b_variance[k], out.excitation[k], quiet), delta)
         else:
-            block = self._law.silence(time, GROUNDED)
+            block = self._law.silence(time, NOT_FLYING)
         self._dither = block.at(-1)
         return block, self._with_known(np.full(count, self._regression.theta[self._followed]), x)
 
@@ -529,7 +528,7 @@ class Identifier:
 
 def alike(learnt: Integers, verdict: Integers) -> int:
     """Return how many samples from the first on can be answered at once: each learnt alone, or none of flight."""
-    if learnt[0] != 1 and verdict[0] != GROUND:
+    if learnt[0] != 1 and verdict[0] != GROUNDED:
         return 1
     other = (learnt != learnt[0]) | (verdict != verdict[0])
     return int(np.argmax(other)) if other.any() else len(learnt)

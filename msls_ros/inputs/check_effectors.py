@@ -159,8 +159,20 @@ def _force(where: str, values: Array) -> Iterator[Finding]:
         yield Finding(WRONG, "units", where, what, f"scale={9.80665 / size:.3g}, if that is its unit")
 
 
+def speed_of_flight(values: Array) -> float:
+    """Return the median speed of what is faster than half of the fastest twentieth: a log may begin and end at rest.
+
+    Parameters
+    ----------
+    values
+        (n, 1) speeds or (n, 3) velocities [m/s].
+    """
+    speeds = np.linalg.norm(values, axis=1)
+    return float(np.median(speeds[speeds >= 0.5 * np.quantile(speeds, 0.95)]))
+
+
 def _speed(where: str, values: Array, reference: float) -> Iterator[Finding]:
-    speed = float(np.median(np.linalg.norm(values, axis=1)))
+    speed = speed_of_flight(values)
     if speed > 0.0 and not 0.4 < speed / reference < 2.5:
         what = f"flies at {speed:.3g} m/s in the median, reference_speed is {reference:g} m/s"
         mend = f"reference_speed: {speed:.2g}, where the speed is right"

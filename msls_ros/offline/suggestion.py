@@ -12,7 +12,7 @@ import numpy as np
 
 from msls_ros.bags import AnyReader, BagError
 from msls_ros.inputs import InputMap
-from msls_ros.inputs.check_effectors import check_effectors
+from msls_ros.inputs.check_effectors import check_effectors, speed_of_flight
 from msls_ros.inputs.findings import WRONG
 from msls_ros.inputs.series import Record
 from msls_ros.offline.inspection import read_record
@@ -274,7 +274,7 @@ def _render(draft: Draft, record: Record) -> str:
     held = {line.split()[0] for name, line in draft.lines.items() if "hold=true" in line or name == "airspeed"}
     slowest = min((rates[alias] for alias in used - held), default=10.0)
     speed = record.series.get("velocity")
-    reference = float(np.median(np.linalg.norm(speed.values, axis=1))) if speed is not None else 20.0
+    reference = speed_of_flight(speed.values) if speed is not None else 20.0
     lines = [
         f"# A first map of {draft.origin} topics, made from the log: check every line. Assumed:",
         *(f"#   {text}" for text in draft.assumed or ["nothing but the frames of REP 103"]),

@@ -16,8 +16,13 @@ ACTUATOR = 20.0
 EFFECTS = np.array([[8.0, 0.0], [0.0, -4.0], [1.0, 0.0]])
 
 
-def fly(delay: float, rate: int, noise: float = 0.05, seconds: float = 8.0) -> tuple[float, Estimate]:
-    """Return the delay that was found [s], and the estimate: dither in both effectors, responses that much later."""
+def fly(
+    delay: float, rate: int, noise: float = 0.05, seconds: float = 8.0, lost: float = 0.0, said: float = 1.0
+) -> tuple[float, list[Estimate]]:
+    """Return the delay that was found [s], and the estimates: dither in both effectors, responses that much later.
+
+    A share of the samples is lost; the rate that the identifier is given is ``said`` times that of the samples.
+    """
     n = round(seconds / STEP)
     every = round(1.0 / (rate * STEP))
     held = np.repeat(0.1 * uniform(n // every + 1, 2, 81), every, axis=0)[:n]
@@ -29,18 +34,22 @@ def fly(delay: float, rate: int, noise: float = 0.05, seconds: float = 8.0) -> t
             delta[k + 1] = delta[k] + STEP * ACTUATOR * (held[k] - delta[k])
             x[k + 1] = x[k] + STEP * xdot[k]
     taken = slice(0, n, every)
-    identifier = Identifier(from_mapping({**SMALL, "sample_rate": float(rate)}))
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": said * rate}))
     time, read = STEP * np.arange(n, dtype=np.float64)[taken], xdot[taken]
-    estimates = identifier.run(time, x[taken], read + noise * uniform(len(read), 3, 82), delta[taken]).estimates
+    kept = uniform(len(read), 1, 83)[:, 0] >= 2.0 * lost - 1.0
+    samples = time, x[taken], read + noise * uniform(len(read), 3, 82), delta[taken]
+    t, states, rates, deflections = (part[kept] for part in samples)
+    estimates = identifier.run(t, states, rates, deflections).estimates
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
-    return float(engine.state.delay[0]) / rate, estimates[-1]
+    return float(engine.state.delay[0]) / (said * rate), estimates
 
 
 @pytest.mark.parametrize("rate", [25, 50, 100])
 @pytest.mark.parametrize("delay", [0.0, 0.006, 0.014, 0.02])
 def test_a_delay_of_all_responses_is_found_and_the_effects_are_right(delay: float, rate: int) -> None:
-    found, estimate = fly(delay, rate)
+    found, estimates = fly(delay, rate)
+    estimate = estimates[-1]
     assert found == pytest.approx(delay, abs=0.002 if rate > 25 else 0.1 / rate)
     assert estimate.delay == pytest.approx(found)
     if delay < 0.02:
@@ -51,7 +60,7 @@ def test_a_delay_of_all_responses_is_found_and_the_effects_are_right(delay: floa
 
 def test_a_longer_one_is_found_once_another_response_is_taken() -> None:
     """That is looked at every second or so, and all begins anew then."""
-    _, estimate = fly(0.03, 50, seconds=20.0)
+    estimate = fly(0.03, 50, seconds=20.0)[1][-1]
     assert estimate.delay == pytest.approx(0.03, abs=0.003)
     np.testing.assert_allclose(estimate.b, EFFECTS, atol=0.04 * 8.0)
 
@@ -59,3 +68,20 @@ def test_a_longer_one_is_found_once_another_response_is_taken() -> None:
 def test_before_anything_moves_nothing_is_taken_out() -> None:
     found, _ = fly(0.014, 50, seconds=0.2)
     assert found == 0.0
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.014])
+def test_lost_samples_are_no_change_of_the_aircraft(delay: float) -> None:
+    """What the deflections were in a gap is not known; taken for those of a sample ago they were the loss of "da"."""
+    _, estimates = fly(delay, 50, 0.01, seconds=20.0, lost=0.05)
+    assert len(estimates) < 970
+    assert not [event for estimate in estimates for event in estimate.events]
+    own = np.abs(EFFECTS) > 0.0
+    np.testing.assert_allclose(estimates[-1].b[own], EFFECTS[own], atol=0.02 * 8.0)
+    assert (np.abs(estimates[-1].b - EFFECTS) <= 1.96 * estimates[-1].b_std)[own].all()
+
+
+def test_samples_that_come_slower_than_was_said_are_not_all_gaps() -> None:
+    found, estimates = fly(0.014, 50, seconds=20.0, said=2.0)
+    assert 2.0 * found == pytest.approx(0.014, abs=0.004)  # by the rate that was said
+    np.testing.assert_allclose(estimates[-1].b, EFFECTS, atol=0.15 * 8.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Configuration, Identifier, Level, from_mapping
-from msls_ros.estimation.dither_answer import GROUNDED, REASONS
+from msls_ros.estimation.dither_answer import NOT_FLYING, REASONS
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.spikes import LEAST, REST, SpikeFilter, spike_settings
 
@@ -148,7 +148,7 @@ def test_on_the_ground_nothing_is_learnt_and_the_dither_is_zero_until_it_climbs(
     assert not identifier.flying
     assert identifier.grounded == len(ground[0])
     assert not np.concatenate([block.delta for block in run.dithers]).any()
-    assert {REASONS[int(why)] for block in run.dithers for why in block.reason} == {REASONS[GROUNDED]}
+    assert {REASONS[int(why)] for block in run.dithers for why in block.reason} == {REASONS[NOT_FLYING]}
     assert run.estimates[-1].b_std[:3].min() == np.inf
     identifier.run(*rest(2.0, 15.0, 0.8 * SPEED, 0.15))
     assert identifier.flying

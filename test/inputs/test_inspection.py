@@ -17,6 +17,7 @@ from inputs.mapped_messages import Flight, rigid_flight
 
 from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.inputs import InputAdapter, InputMap
+from msls_ros.inputs.check_effectors import speed_of_flight
 from msls_ros.inputs.findings import NOTE, WRONG, Finding
 from msls_ros.inputs.inspection import check_topics, findings_of
 from msls_ros.inputs.series import Collector
@@ -386,3 +387,10 @@ def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
         return message
 
     assert [f for f in look(lines, noisy) if f.level == WRONG] == []
+
+
+def test_the_speed_of_flight_is_that_in_the_air_where_a_log_begins_and_ends_at_rest() -> None:
+    flown = np.random.default_rng(0).normal(20.0, 1.0, (300, 1))
+    log = np.vstack([np.zeros((500, 1)), np.linspace(0.0, 20.0, 50)[:, None], flown, np.zeros((400, 1))])
+    assert speed_of_flight(log) == pytest.approx(20.0, abs=0.5)
+    assert speed_of_flight(np.hstack([log, 0.0 * log, 0.0 * log])) == pytest.approx(20.0, abs=0.5)
