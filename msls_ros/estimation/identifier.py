@@ -450,8 +450,7 @@ class Identifier:
         done = start
         while done < stop:
             done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
-            now = float(time[max(done, stop - count + 1) - 1])
-            alarm, self._statistic = out.alarm[done - 1], out.statistic[done - 1]
+            now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
             if out.restart[done - 1] != SOUND:
                 self._passed = 0
                 self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))

@@ -116,6 +116,7 @@ class Screen:
             [*[False] * n, *[True] * n, *[False] * m],
             c.reference_speed,
             GAP / c.sample_rate,
+            [*range(n, 2 * n), *[-1] * (n + m)],
         )
         self._spikes = spike_state(2 * n + m)
         self._judge = Bound(judge_samples)

@@ -4,8 +4,8 @@ No aircraft moves like that, but logs and links do: a lost bit, a sensor that re
 starts anew. Least squares would believe it for as long as it remembers, and the more the larger it is; and a deflection
 that nothing answers is what the loss of a surface looks like. So samples from such a jump on are held until it is seen
 which of the two it is: they are dropped if all that jumped comes back, and used, in order, with the first sample that
-settles it otherwise. A step is learnt a few samples late; where only rates of change have jumped, as where something
-breaks, and stay, one sample.
+settles it otherwise. What a measured rate of change accounts for is no jump. A step is learnt a few samples late; where
+only rates of change have jumped, as where something breaks, and stay, or what has jumped goes on, one sample.
 
 References
 ----------
@@ -23,17 +23,20 @@ import numpy as np
 from msls_ros.estimation.compiled import Bound, compiled
 from msls_ros.estimation.kernel import Array, Integers
 
-FURTHER = 3.0
+FURTHER, FURTHER_RATE = 3.0, 10.0
 """By how much a spike jumps further than anything that is remembered. Differences of Gaussian noise reach 4 standard
-deviations in a minute, and three times that never."""
+deviations in a minute, and three times that never. Rates of change jump where something breaks, which is not to be
+learnt late: by three times after quiet flight, with the F-16's tail hard over."""
 REMEMBERED = 60.0
 """Memory of the largest jump [s]."""
 GROWTH = 1.5
 """By how much one sample may raise it at most: a spike that was not seen as one does not hide the next."""
+ONWARD = 1.5
+"""What has gone on by the next sample is so many jumps away at least."""
 BACK = 0.25
 """What is back is no further from where it was than this share of the jump."""
-LEAST = 0.01
-"""Least jump that counts, of rad, rad/s and shares of the speed; ten times that a second for rates of change."""
+LEAST, LEAST_RATE = 0.01, 1.0
+"""Least jump that counts, of rad, rad/s and shares of the speed, and of their rates of change [1/s]."""
 LONGEST, LONGEST_RATE = 0.12, 0.06
 """Longest spike of states and deflections, and of rates of change, which jump where something breaks [s]."""
 REST = 50
@@ -47,8 +50,12 @@ class SpikeSettings(NamedTuple):
 
     least: Array
     """(c,) least jump that counts."""
+    further: Array
+    """(c,) by how much a spike jumps further than what is remembered [1]."""
     longest: Array
     """(c,) longest spike [s]."""
+    slope: Integers
+    """(c,) which number is the rate of change of each; negative: none is."""
     gap: float
     """Samples further apart say nothing of each other [s]."""
 
@@ -73,7 +80,9 @@ class SpikeState(NamedTuple):
     """(`ROOM`,) [s]."""
 
 
-def spike_settings(velocity: Sequence[bool], rate: Sequence[bool], speed: float, gap: float) -> SpikeSettings:
+def spike_settings(
+    velocity: Sequence[bool], rate: Sequence[bool], speed: float, gap: float, slope: Sequence[int] = ()
+) -> SpikeSettings:
     """Return the settings for samples of c numbers.
 
     Parameters
@@ -84,10 +93,14 @@ def spike_settings(velocity: Sequence[bool], rate: Sequence[bool], speed: float,
         Of flight [m/s].
     gap
         Longest step of time in samples of one stretch [s].
+    slope
+        (c,) which number is measured as the rate of change of each, negative for none; empty: of none.
     """
     fast, derived = np.array(velocity, bool), np.array(rate, bool)
-    least = LEAST * np.where(fast, speed, 1.0) * np.where(derived, 10.0, 1.0)
-    return SpikeSettings(least, np.where(derived, LONGEST_RATE, LONGEST), max(gap, LONGEST))
+    least = np.where(fast, speed, 1.0) * np.where(derived, LEAST_RATE, LEAST)
+    further = np.where(derived, FURTHER_RATE, FURTHER)
+    own = np.array(slope or [-1] * len(fast), np.int64)
+    return SpikeSettings(least, further, np.where(derived, LONGEST_RATE, LONGEST), own, max(gap, LONGEST))
 
 
 def spike_state(count: int) -> SpikeState:
@@ -156,7 +169,7 @@ def judge_spike(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> 
         elif held < x.held.shape[0] and may_be_back(s, x, time, sample):
             hold(x, time, sample)
             return -1
-    if held == 0 and not apart and x.counts[0] >= REST and find_jumps(s, x, sample):
+    if held == 0 and not apart and x.counts[0] >= REST and find_jumps(s, x, sample, step):
         x.counts[1] = 0
         hold(x, time, sample)
         return -1
@@ -175,8 +188,9 @@ def may_be_back(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> 
     for i in range(sample.shape[0]):
         if x.jump[i] != 0.0:
             longest = max(longest, s.longest[i])
-            stays = abs(sample[i] - x.last[i] - x.jump[i]) <= BACK * abs(x.jump[i])
-            moving += 0 if stays and s.longest[i] < LONGEST else 1
+            moved = (sample[i] - x.last[i]) / x.jump[i]
+            stays = s.longest[i] < LONGEST and abs(moved - 1.0) <= BACK
+            moving += 0 if stays or moved >= ONWARD else 1
     return moving > 0 and time - x.held_time[0] < longest
 
 
@@ -191,17 +205,28 @@ def hold(x: SpikeState, time: float, sample: Array) -> None:
 
 
 @compiled
-def find_jumps(s: SpikeSettings, x: SpikeState, sample: Array) -> bool:
+def find_jumps(s: SpikeSettings, x: SpikeState, sample: Array, step: float) -> bool:
     """Find what jumps further than ever within memory, ``x.jump``; whether anything does."""
     furthest = 0.0
     for i in range(sample.shape[0]):
-        jump = sample[i] - x.last[i]
-        limit = max(s.least[i], FURTHER * x.largest[i])
+        jump = jump_of(s, x, sample, i, step)
+        limit = max(s.least[i], s.further[i] * x.largest[i])
         x.jump[i] = jump if abs(jump) > limit else 0.0
         if abs(x.jump[i]) > furthest * limit:
             furthest = abs(jump) / limit
             x.counts[4] = i
     return furthest > 0.0
+
+
+@compiled
+def jump_of(s: SpikeSettings, x: SpikeState, sample: Array, i: int, step: float) -> float:
+    """Return by how much number i has changed since the last sample, ``step`` [s] ago, beyond what its rate makes."""
+    change = sample[i] - x.last[i]
+    rate = s.slope[i]
+    if rate < 0:
+        return float(change)
+    left = change - 0.5 * step * (sample[rate] + x.last[rate])
+    return float(left if abs(left) < abs(change) else change)
 
 
 @compiled
@@ -219,7 +244,8 @@ def remember(s: SpikeSettings, x: SpikeState, sample: Array, step: float, apart:
     """Update the largest jumps with a sample, (c,), that is used; nothing is known of one apart from the last."""
     fade = max(1.0 - max(step, 0.0) / REMEMBERED, 0.0)
     for i in range(sample.shape[0]):
-        jump = 0.0 if apart or x.counts[0] == 0 else abs(sample[i] - x.last[i])
+        jump = 0.0 if apart or x.counts[0] == 0 else abs(jump_of(s, x, sample, i, step))
         x.largest[i] = max(fade * x.largest[i], min(jump, GROWTH * max(x.largest[i], s.least[i])))
+    for i in range(sample.shape[0]):
         x.last[i] = sample[i]
     x.counts[0] += 1
