@@ -36,7 +36,8 @@ ONWARD = 1.5
 BACK = 0.25
 """What is back is no further from where it was than this share of the jump."""
 LEAST, LEAST_RATE = 0.01, 1.0
-"""Least jump that counts, of rad, rad/s and shares of the speed, and of their rates of change [1/s]."""
+"""Least jump that counts, of rad, rad/s and shares of the speed, and of their rates of change, a tenth of it for those
+of velocities [1/s]."""
 LONGEST, LONGEST_RATE = 0.12, 0.06
 """Longest spike of states and deflections, and of rates of change, which jump where something breaks [s]."""
 REST = 50
@@ -97,7 +98,7 @@ def spike_settings(
         (c,) which number is measured as the rate of change of each, negative for none; empty: of none.
     """
     fast, derived = np.array(velocity, bool), np.array(rate, bool)
-    least = np.where(fast, speed, 1.0) * np.where(derived, LEAST_RATE, LEAST)
+    least = np.where(derived, np.where(fast, 0.1 * speed, 1.0) * LEAST_RATE, np.where(fast, speed, 1.0) * LEAST)
     further = np.where(derived, FURTHER_RATE, FURTHER)
     own = np.array(slope or [-1] * len(fast), np.int64)
     return SpikeSettings(least, further, np.where(derived, LONGEST_RATE, LONGEST), own, max(gap, LONGEST))
