@@ -8,7 +8,7 @@ configuration and the sample sequence alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -448,6 +448,7 @@ class Identifier:
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
             self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
         done = start
+        before = len(self._events)
         while done < stop:
             done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
             now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
@@ -458,6 +459,9 @@ class Identifier:
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             if self._supervisor.watching:
                 self._events += self._supervisor.follow(now, self._regression)
+        if count < stop - start:  # said at the sample that is answered
+            at = float(time[stop - 1])
+            self._events[before:] = [replace(event, time=at) for event in self._events[before:]]
         self._error = out.e[stop - 1]
         self._newest = out, stop - 1
         self._signals.append((out.e[part], out.statistic[part]))

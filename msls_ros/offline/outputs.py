@@ -89,9 +89,8 @@ class IdentifierOutput:
         time = np.multiply(stamps, 1e-9, dtype=np.float64)
         run = self._identifier.run(time, segment.x, segment.xdot, segment.delta, self._every)
         blocks = list(self._dithers(stamps, _joined(run.dithers)))
-        said = [(estimate.time, event) for estimate in run.estimates for event in estimate.events]
-        blocks += [self._fault(_stamp_at(stamps, time, at), event) for at, event in said]
-        events = [event for _, event in said]
+        events = [event for estimate in run.estimates for event in estimate.events]
+        blocks += [self._fault(_stamp_at(stamps, time, event.time), event) for event in events]
         models = [estimate for estimate in run.estimates if estimate.samples % self._every == 0]
         if models:
             blocks.append(self._models(np.array([_stamp_at(stamps, time, m.time) for m in models]), models))
