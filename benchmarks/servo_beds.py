@@ -106,7 +106,11 @@ def forces(one: Small, x: Array, delta: Array, thrust: float, wind: Array) -> tu
 
 def derivative(one: Small, x: Array, delta: Array, thrust: float, wind: Array) -> tuple[Array, Array]:
     """Return the derivative of the states (9,), and the specific force (3,) [m/s^2]."""
-    force, moment = forces(one, x, delta, thrust, wind)
+    return accelerate(one, x, *forces(one, x, delta, thrust, wind))
+
+
+def accelerate(one: Small, x: Array, force: Array, moment: Array) -> tuple[Array, Array]:
+    """Return the derivative of the states (9,) and the specific force (3,) [m/s^2] by force and moment [N, N m]."""
     felt = force / one.mass
     p, q, r, phi, theta = x[3:8]
     rates = x[3:6]

@@ -23,6 +23,7 @@ from benchmarks.servo_beds import (
     SMALLS,
     STEP,
     Small,
+    accelerate,
     forces,
     gravity,
     trim,
@@ -124,14 +125,7 @@ def move(one: Small, x: Array, height: float, delta: Array, thrust: float, wind:
     fast = float(air @ air) > STALL**2
     force, moment = forces(one, x, delta, thrust, wind) if fast else (np.array([thrust, 0.0, 0.0]), np.zeros(3))
     pushed, turned, touches = wheel_forces(one, x, height, STEERING * float(delta[2]))
-    felt = (force + pushed) / one.mass
-    p, q, r, phi, theta = x[3:8]
-    ix, iy, iz, ixz = one.inertia
-    inertia = np.array([[ix, 0.0, -ixz], [0.0, iy, 0.0], [-ixz, 0.0, iz]])
-    turning = np.linalg.solve(inertia, moment + turned - np.cross(x[3:6], inertia @ x[3:6]))
-    yawing = q * math.sin(phi) + r * math.cos(phi)
-    angles = (p + math.tan(theta) * yawing, q * math.cos(phi) - r * math.sin(phi), yawing / math.cos(theta))
-    rates = np.concatenate([felt + gravity(x) - np.cross(x[3:6], x[:3]), turning, angles])
+    rates, felt = accelerate(one, x, force + pushed, moment + turned)
     return Motion(rates, felt, -float(gravity(x) @ x[:3]) / GRAVITY, touches)
 
 

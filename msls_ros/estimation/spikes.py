@@ -23,10 +23,11 @@ import numpy as np
 from msls_ros.estimation.compiled import Bound, compiled
 from msls_ros.estimation.kernel import Array, Integers
 
-FURTHER, FURTHER_RATE = 3.0, 10.0
+FURTHER, FURTHER_RATE = 3.0, 15.0
 """By how much a spike jumps further than anything that is remembered. Differences of Gaussian noise reach 4 standard
 deviations in a minute, and three times that never. Rates of change jump where something breaks, which is not to be
-learnt late: by three times after quiet flight, with the F-16's tail hard over."""
+learnt late: by three times after quiet flight, with the F-16's tail hard over; and a moment of twenty times the noise
+is ten times the largest difference of that."""
 REMEMBERED = 60.0
 """Memory of the largest jump [s]."""
 GROWTH = 1.5

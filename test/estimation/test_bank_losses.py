@@ -143,9 +143,7 @@ def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ev
     xdot[FAULT:, 0] += 20.0 * NOISE
     alarms = [e for e in events_of(Identifier(from_mapping(SMALL)), (time, small * x, xdot, small * delta))]
     first = alarms[0]
-    said = time[FAULT + 1]  # alone, the first sample could be a spike
-    assert (first.kind, first.equations, first.time) == (EventKind.DETECTED, ("P",), said)
-    assert f"detected at {time[FAULT]:.3f} s" in first.description
+    assert (first.kind, first.equations, first.time) == (EventKind.DETECTED, ("P",), time[FAULT])
 
 
 def test_a_surface_is_not_named_where_another_explains_nearly_as_much() -> None:
