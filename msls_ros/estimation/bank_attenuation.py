@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_effector_noise import entering_part, state_noise
+from msls_ros.estimation.bank_speed import power_of, ratio_of
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -44,13 +45,6 @@ With .5, 95 % of the errors were within .4 to 1.1 of a bar that this dominates (
 """
 NOTICED = 1e-3
 """Share of the information about a coefficient from which noise in its regressor is looked at [1]."""
-ANSWERED = 25.0
-"""Squared standard errors by which an output must answer an effector once, for what it does to be motion.
-
-What is known to less than that is not known to a fifth of itself in any row. The size of each effect that is, is kept:
-when the effector dies, what is left is held against it (`model`). F-16, medium noise, seeds 100 to 119: share of B that
-is called reliable with the nozzle lost .176 -> .206, tail .202 -> .210, cruise .309 -> .316, as well covered (.98).
-"""
 LEAST = 0.01
 """Least share of the information that is taken for motion: the error is at most a hundred times as large."""
 
@@ -102,7 +96,10 @@ def turned_part(s: BankSettings, x: BankState, q: int, i: int, m: int) -> float:
     source = s.turning[q + 1, i]
     if source == 0:
         return 0.0
-    return float(s.turned[q + 1, i] * x.centre[x.group[q], source, m])
+    ratio = ratio_of(x)
+    return float(
+        s.turned[q + 1, i] * x.centre[x.group[q], source, m] / (power_of(s, source, ratio) * power_of(s, i, ratio))
+    )
 
 
 @compiled
@@ -140,18 +137,6 @@ def doubt(s: BankSettings, x: BankState, i: int) -> float:
     """By how much the squared errors about an effector are larger while no output has answered it; 1 otherwise [1]."""
     resting = s.effectors_from < i <= s.effectors_to and x.answered[i - s.effectors_from - 1] == 0
     return 1.0 / (LEAST * LEAST) if resting else 1.0
-
-
-@compiled
-def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares: Array) -> None:
-    """Note which effectors row q's output answers for certain; of what `widen` made of its squared errors (p,)."""
-    for j in range(x.answered.shape[0]):
-        i = s.effectors_from + 1 + j
-        square = x.mixed[q, i] * x.mixed[q, i]
-        if ANSWERED * (squares[i] - bias[i]) < x.widened[q, i] * square:
-            x.answered[j] = 1
-        if ANSWERED * squares[i] < square:
-            x.effect[q, j] = abs(x.mixed[q, i])
 
 
 @compiled

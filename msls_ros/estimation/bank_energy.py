@@ -17,6 +17,7 @@ detector (`bank_detection`).
 
 from __future__ import annotations
 
+from msls_ros.estimation.bank_speed import power_of, ratio_of
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -77,17 +78,19 @@ def observe_steps(s: BankSettings, x: BankState, phi: Array, start: float) -> No
 
 
 @compiled
-def turned_output(s: BankSettings, phi: Array, q: int) -> float:
+def turned_output(s: BankSettings, x: BankState, phi: Array, q: int) -> float:
     """Return what the turning of the body's axes makes of row q's output, as `kinematics.remove_rotation` took it off.
 
     It is a sum of products of two regressors: half of each regressor times its part of the tangent, for each counts
     twice.
     """
     total = 0.0
+    ratio = ratio_of(x)
     for i in range(1, phi.shape[0]):
         source = s.turning[q + 1, i]
         if source > 0:
-            total += 0.5 * s.turned[q + 1, i] * phi[source] * phi[i]
+            scale = power_of(s, source, ratio) * power_of(s, i, ratio)
+            total += 0.5 * s.turned[q + 1, i] * phi[source] * phi[i] / scale
     return total
 
 
@@ -96,7 +99,7 @@ def observe_energy(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
     """Update energies and gates of all rows with regressors (p,), constant first, and outputs (r,) of a sample."""
     start = 1.0 / (x.samples[0] + 1.0)
     for q in range(y.shape[0]):
-        output = y[q] + turned_output(s, phi, q)
+        output = y[q] + turned_output(s, x, phi, q)
         x.mean[q] += max(start, s.energy[0]) * (output - x.mean[q])
         deviation = output - x.mean[q]
         x.now[q] += max(start, s.energy[1]) * (deviation * deviation - x.now[q])

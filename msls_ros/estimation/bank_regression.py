@@ -13,13 +13,14 @@ from msls_ros.estimation.bank_losses import KNOWN, compare_surfaces
 from msls_ros.estimation.bank_restoring import restore_effectors
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank_speed import SLOWEST, fill_values, power_of, ratio_of, speed_of
 from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
 from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member
 from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import Output, forget_sample, make_output
 
@@ -43,7 +44,7 @@ class BankRegression:
         self.settings = settings
         self.state = make_bank_state(settings, rows, min(rows + 1, GROUPS))
         self.noise = np.zeros(rows)
-        """(r,) variance of the noise in the states, that are the first regressors; 0 where it is not known."""
+        """(r,) variance of the noise in the states, the first regressors, as these; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
         self._observed = np.zeros(0), np.zeros((0, rows))
         self._advance = Bound(advance_bank)
@@ -62,8 +63,22 @@ class BankRegression:
         """Have ``Output.followed`` hold one estimate; negative: none."""
         self.settings = self.settings._replace(followed_row=row, followed_column=column)
 
-    def warm_start(self, theta: Array, covariance: Array) -> None:
+    def values(self, row: int, column: int, x: Array, kept: Integers) -> Array:
+        """Return an estimate at states (k, n), of which those in ``kept`` are regressors."""
+        found = np.empty(len(x))
+        fill_values(self.settings, self.state, row, (column + 1) % self.theta.shape[1], x, kept, self._work.w, found)
+        return found
+
+    def warm_start(self, theta: Array, covariance: Array, seen: Array | None = None) -> None:
         """Start anew from given estimates; as `Regression.warm_start`.
+
+        Parameters
+        ----------
+        theta, covariance
+            (r, p) and (p, p), constant last.
+        seen
+            (p,) regressor at which they are the tangent, constant last; None: they hold as they are at the speed of the
+            first sample, see `bank_speed`.
 
         Raises
         ------
@@ -76,6 +91,7 @@ class BankRegression:
             raise EstimationError(message)
         information, factor = np.zeros((p, p)), np.zeros((p, p))
         finite = np.isfinite(theta).all() and np.isfinite(covariance).all()
+        seen = seen if self.settings.scaled else None
         if (
             not finite
             or not (covariance == covariance.T).all()
@@ -84,6 +100,8 @@ class BankRegression:
             message = "estimates and covariance must be finite, and the covariance symmetric positive definite"
             raise EstimationError(message)
         upper_factor(information, factor)
+        if seen is not None:
+            theta = self._from_tangent(theta, seen)
         self.reset()
         x, first = self.state, np.roll(theta, 1, axis=1)
         x.theta[:] = theta
@@ -96,6 +114,27 @@ class BankRegression:
         x.taken[0] = 4.0 * p
         x.age[0] = 4 * p
         x.answered[:] = 1
+        if seen is not None:
+            x.seen[:] = np.roll(seen, 1)
+            x.speed[:] = max(speed_of(self.settings, x.seen), SLOWEST * float(self.settings.speed[0])), 1.0
+
+    def _from_tangent(self, theta: Array, seen: Array) -> Array:
+        """Return the estimates, (r, p), of which the tangent at a regressor, (p,), is given; constant last.
+
+        Of the velocities i ``sum x_i A_i = sum x_i theta_i + S``, and what all others give of S is known.
+        """
+        s, found = self.settings, np.array(theta)
+        velocities = s.velocities - 1
+        for row in found:
+            others = sum(
+                float(s.exponent[i + 1] * row[i] * seen[i]) for i in range(len(seen) - 1) if i not in velocities
+            )
+            total = 0.5 * (sum(float(row[i] * seen[i]) for i in velocities) + others)
+            square = max(sum(float(seen[i]) ** 2 for i in velocities), 1e-12)
+            row[-1] += total
+            for i in velocities:
+                row[i] -= float(seen[i]) / square * total
+        return found
 
     def advance(self, phi: Array, y: Array) -> tuple[int, Output]:
         """Take samples until one alarms or all are taken; return how many, and what happened at each."""
@@ -112,7 +151,8 @@ class BankRegression:
             self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
-        self.noise[:] = self._observed[1][done - 1]
+        for q, one in enumerate(self._observed[1][done - 1].tolist()):
+            self.noise[q] = one * power_of(self.settings, q + 1, ratio_of(self.state)) ** 2
         if out.restart[done - 1] != SOUND:
             self.reset()
             forget_sample(out, done - 1)
@@ -129,8 +169,15 @@ class BankRegression:
 
     @property
     def covariance(self) -> Array:
-        """(p, p) of the estimates over the residual variance, of the first row: that of the member that leads there."""
-        return self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+        """(p, p) of the estimates over the residual variance, of the first row: that of the member that leads there.
+
+        At the speed of the last sample, but without what speed makes of derivatives by velocities (`bank_speed`).
+        """
+        found = self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+        p = len(found)
+        power = np.array([power_of(self.settings, (i + 1) % p, ratio_of(self.state)) for i in range(p)])
+        scaled: Array = found * (power[:, None] * power[None, :])
+        return scaled
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -164,8 +211,8 @@ class BankRegression:
     def uncertainty(self, row: int) -> tuple[Array, float]:
         """Standard errors of a row's estimates, (p,), and the standard deviation of its residual."""
         p = self.theta.shape[1]
-        errors = np.empty(p)
-        residual = bank_errors(self.settings, self.state, row, self.noise, self._work.e, self._work.w, errors)
+        errors, s, x = np.empty(p), self.settings, self.state
+        residual = bank_errors(s, x, row, self.noise, x.seen, ratio_of(x), self._work.e, self._work.w, errors)
         return errors, residual
 
     def age(self, row: int) -> int:

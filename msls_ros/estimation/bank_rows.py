@@ -28,6 +28,7 @@ from msls_ros.estimation.bank_losses import (
 )
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_responses import respond
+from msls_ros.estimation.bank_speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
 from msls_ros.estimation.compiled import compiled
@@ -50,6 +51,8 @@ SHARPEN = 4
 
 GAP = 1.5
 """Usual steps between samples from which on some are missing."""
+TINY = 1e-9
+"""Speeds are no less than that [m/s]."""
 STEADY = 0.02
 """Share of the newest in the usual step."""
 
@@ -92,6 +95,9 @@ def advance_bank(
         work.phi[0] = phi[n, p - 1]
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
+        scale_regressors(s, x, work.phi)
+        for q in range(y.shape[1]):
+            work.noise[q] = noise[n, q] * power_of(s, q + 1, ratio_of(x)) * power_of(s, q + 1, ratio_of(x))
         if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)
@@ -112,7 +118,7 @@ def advance_bank(
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
                 update_members(s, x, g, y[n], work)
-        update_rows(s, x, y[n], noise[n], work)
+        update_rows(s, x, y[n], work)
         keep_reference(s, x)
         keep_sample(x, work.phi, y[n])
         x.samples[0] += 1
@@ -126,11 +132,17 @@ def advance_bank(
                 any_alarm = True
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
-            out.followed[n] = x.theta[s.followed_row, s.followed_column]
+            out.followed[n] = followed_of(s, x)
         out.restart[n] = judge_soundness(x, work.phi, y[n], out.e[n])
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def followed_of(s: BankSettings, x: BankState) -> float:
+    """Return the estimate that is followed, at the last sample."""
+    return float(last_value(s, x, s.followed_row, (s.followed_column + 1) % x.mixed.shape[1]))
 
 
 @compiled
@@ -164,13 +176,13 @@ def pass_over(s: BankSettings, x: BankState, time: float, out: Output, n: int) -
     x.samples[0] += 1
     report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
     if s.followed_row >= 0:
-        out.followed[n] = x.theta[s.followed_row, s.followed_column]
+        out.followed[n] = followed_of(s, x)
     out.restart[n] = SOUND
 
 
 @compiled
-def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: BankWork) -> None:
-    """Judge and mix the members that have taken the sample y (r,), row by row; noise (r,) of the states."""
+def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None:
+    """Judge and mix the members that have taken the sample y (r,), row by row."""
     settled = 2 * work.phi.shape[0]
     for q in range(y.shape[0]):
         observe_output(s, x, q, y[q])
@@ -190,7 +202,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, noise: Array, work: Ban
             find_sharpest(s, x, q)
         mix(x, q, y[q], work.phi, work.e)
         if turn % KEEP == 0:
-            keep_best(s, x, q, noise, work.e, work.w, work.squares)
+            keep_best(s, x, q, work.noise, work.e, work.w, work.squares)
 
 
 @compiled
@@ -208,11 +220,15 @@ def judge_soundness(x: BankState, phi: Array, y: Array, e: Array) -> int:
 def observe_place(s: BankSettings, x: BankState, phi: Array, time: float) -> None:
     """Update where in the envelope the aircraft flies, and the clock."""
     gain = max(s.place, 1.0 / (x.samples[0] + 1.0))
-    velocities = s.velocities.shape[0]
+    velocities, last = s.velocities.shape[0], x.place.shape[0] - 1
+    ratio = ratio_of(x)
+    speed = speed_of(s, phi)
     for j in range(velocities):
-        x.place[j] += gain * (phi[s.velocities[j]] / s.speed[j] - x.place[j])
+        unit = speed if s.scaled else s.speed[j]
+        x.place[j] += gain * (phi[s.velocities[j]] / max(unit, TINY) - x.place[j])
     for j in range(s.rates.shape[0]):
-        x.place[velocities + j] = phi[s.rates[j]]
+        x.place[velocities + j] = phi[s.rates[j]] / ratio
+    x.place[last] += gain * (ratio - x.place[last])
     x.clock[0] = time
 
 
@@ -343,8 +359,9 @@ def report_effectors(s: BankSettings, x: BankState, b: Array, variance: Array, e
         residual = residual_variance(x, q)
         for j in range(excitation.shape[0]):
             i = s.effectors_from + j
-            b[q, j] = x.theta[q, i]
-            square = residual / x.known[q, i + 1] if x.known[q, i + 1] > 0.0 else math.inf
+            power = power_of(s, i + 1, ratio_of(x))
+            b[q, j] = power * x.theta[q, i]
+            square = power * power * residual / x.known[q, i + 1] if x.known[q, i + 1] > 0.0 else math.inf
             if g > 0 and square > b[q, j] * b[q, j]:
                 square = b[q, j] * b[q, j]
             variance[q, j] = square

@@ -20,6 +20,8 @@ PRIORS = (10.0, 300.0, 1e5)
 DRIFTS = (0.1, 1.0, 10.0)
 """Walks kappa of the constant, per sample at `DRIFT_RATE`, over the standard deviation of the residual."""
 LATERAL = ("v", "P", "R")
+MOTION = ("u", "v", "w", "P", "Q", "R")
+"""States whose effects on the aircraft go with airspeed, see `bank_speed`."""
 """Rows that are excited together, as all others are."""
 SLOW = "u"
 """Speed changes by whatever an aircraft does: it says nothing of what excites its row's axis (with it the error of Q by
@@ -112,6 +114,7 @@ def make_bank_settings(
     counts: Sequence[int] | None = None,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
+    exponents: Sequence[int] = (),
     rates: Sequence[int] = (),
     turning: Mapping[tuple[int, int], tuple[int, float]] | None = None,
     surfaces: Sequence[Surface] = (),
@@ -142,6 +145,8 @@ def make_bank_settings(
         Rows whose outputs are differences of their states then; all others are smoothed.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
+    exponents
+        (p - 1,) with which power of airspeed each effect goes; empty: all stay what they are.
     rates
         Which are the angular rates, all three or none: they couple through the inertia. The rows of the first
         regressors are theirs.
@@ -206,6 +211,8 @@ def make_bank_settings(
         straddle=straddle,
         velocities=np.array(velocities, np.int64) + 1,
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
+        scaled=any(exponents),
+        exponent=np.array([0, *(exponents or [0] * (len(scale) - 1))], np.int64),
         place=min(period / PLACE, 1.0),
         rates=np.array(rates, np.int64) + 1,
         coupled=_coupled(rates, len(scale)),
@@ -322,6 +329,17 @@ def _by_regressor(parts: Mapping[tuple[int, int], float], p: int) -> Array:
     return found
 
 
+def _exponents(c: Configuration) -> list[int]:
+    """Return with which power of airspeed the effect of each regressor goes, the constant's left out; see `bank_speed`.
+
+    All stay what they are where airspeed is not known: without u, or where states may be deviations from a trim.
+    """
+    if not (c.dynamic_pressure and c.known_gravity and "u" in c.rows):
+        return []
+    thrust = c.effectors_of_thrust
+    return [int(name in MOTION) for name in c.rows] + [0 if name in thrust else 2 for name in c.effectors]
+
+
 def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float) -> int:
     """Return the freest member of about that memory [s], of those that are not held if there are any."""
     far = [(kind > FREE, abs(tau - memory), -pi, abs(kappa - 1.0)) for tau, pi, kappa, kind in grid]
@@ -351,6 +369,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         differenced=[i for i, name in enumerate(c.rows) if name in RATES],
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
+        exponents=_exponents(c),
         rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),
         turning=find_rotation(c.rows) if c.known_rotation else None,
         detect=c.detector.mode != "off",

@@ -85,6 +85,10 @@ class BankSettings(NamedTuple):
     """(v,) which regressors are velocities, constant first."""
     speed: Array
     """(v,) their scales."""
+    scaled: bool
+    """Whether effects go with airspeed, see `bank_speed`."""
+    exponent: Integers
+    """(p,) with which power of it, constant first."""
     place: float
     """Gain per sample of their means."""
     rates: Integers
@@ -394,9 +398,14 @@ class BankState(NamedTuple):
     best_time: Array
     """(r, p) when they were known [s]."""
     best_place: Array
-    """(r, p, v + w) where they were known."""
+    """(r, p, v + w + 1) where they were known."""
     place: Array
-    """(v + w,) where that is: mean velocities of now, in units of their scale, and rates [rad/s]."""
+    """(v + w + 1,) where that is: mean velocities of now, in units of their scale, or where effects go with airspeed
+    their direction; rates [rad/s]; and mean ratio of speeds then."""
+    speed: Array
+    """(2,) that of the first sample, at which the estimates hold [m/s], and that of the last one over it."""
+    seen: Array
+    """(p,) regressor of the last sample, constant first."""
     apart: Integers
     """(1,) samples to come whose late deflections lie in a gap of the samples."""
     clock: Array
@@ -408,6 +417,8 @@ class BankWork(NamedTuple):
 
     phi: Array
     """(p,) regressor, constant first."""
+    noise: Array
+    """(r,) variance of the noise in the states, as regressors."""
     w: Array
     """(p,)"""
     squares: Array
@@ -590,8 +601,10 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         best=np.zeros((rows, p)),
         best_square=np.zeros((rows, p)),
         best_time=np.zeros((rows, p)),
-        best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates))),
-        place=np.zeros(len(s.velocities) + len(s.rates)),
+        best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates) + 1)),
+        place=np.zeros(len(s.velocities) + len(s.rates) + 1),
+        speed=np.zeros(2),
+        seen=np.zeros(p),
         apart=np.zeros(1, np.int64),
         clock=np.zeros(2),
     )
@@ -605,8 +618,10 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     k = len(s.gains)
     change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
     return BankWork(
-        *(np.zeros(p), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left, root, first),
-        *(weight, root_weight, loss, e, np.zeros(rows, np.int64), change, variance, deviation, explained, np.zeros(p)),
+        *(np.zeros(p), np.zeros(rows), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left),
+        *(root, first, weight, root_weight, loss, e),
+        np.zeros(rows, np.int64),
+        *(change, variance, deviation, explained, np.zeros(p)),
         *(
             np.zeros((rows, k)),
             np.zeros((rows, k)),

@@ -48,7 +48,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_attenuation import attenuation, doubt, observe_answers, widen
+from msls_ros.estimation.bank_attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
 from msls_ros.estimation.bank_effector_noise import state_noise
 from msls_ros.estimation.bank_lags import (
@@ -58,6 +58,7 @@ from msls_ros.estimation.bank_lags import (
     observe_lag,
 )
 from msls_ros.estimation.bank_mixing import sum_members
+from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -67,6 +68,12 @@ REACH_STATES, REACH_EFFECTORS = 0.25, 0.42
 
 Seed 811, F-16 and four aircraft in flight test: of bars that this dominates, 95 % of the errors of A are within .7 to
 1.4 (1.96 is due), of B within 1.0 to 2.0; with .16 and .32 within .5 to 1.2, and .8 to 1.3.
+"""
+SPEED_STATES, SPEED_EFFECTORS = 1.0, 0.84
+"""The same for a change of speed where effects go with it (`bank_speed`), as a share of the first one [1].
+
+Where they do not, as a nozzle's, a derivative is off by as much as speed has changed, an effect by twice that: 1 and
+1.7 of these.
 """
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
@@ -92,6 +99,13 @@ HIDDEN = 17.0
 
 Seeds 811 to 813: 47 of 54 faults of the F-16 seen, 4 false alarms in 144 flight tests; without a limit 43 and 3 (gusts
 hide faults), by the noise of the effector's own sensor alone 49 and 14.
+"""
+ANSWERED = 25.0
+"""Squared standard errors by which an output must answer an effector once, for what it does to be motion.
+
+What is known to less than that is not known to a fifth of itself in any row. The size of each effect that is, is kept:
+when the effector dies, what is left is held against it (`model`). F-16, medium noise, seeds 100 to 119: share of B that
+is called reliable with the nozzle lost .176 -> .206, tail .202 -> .210, cruise .309 -> .316, as well covered (.98).
 """
 LATELY = 0.0625
 """Stretch of which this and the last must show what is kept, over the autocorrelation's memory [1]: .25 s."""
@@ -210,7 +224,7 @@ def direct_squares(
     variance = residual_variance(x, q) * age / free
     systematic = common_part(x, q)
     attenuation(s, x, q, leader, noise, squares, bias)
-    away = distance_from_mean(s, x, q, leader)
+    away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
     for i in range(p):
         info = x.info[x.group[q], i]
         theta = x.members[q, i]
@@ -222,39 +236,94 @@ def direct_squares(
             max(variance / x.known[q, i], batch_square(s, x, q, i)) + SPREAD * sum_members(products) / x.known[q, i]
         )
         squares[i] += stays * stays
-        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + elsewhere_square(s, x.mixed[q, i], i, away)
+        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
+        squares[i] += elsewhere_square(s, x.mixed[q, i], i, away, apart)
         if s.coupled[q + 1, i] >= 0:
-            squares[i] += inertial_square(s, q, i, turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
+            squares[i] += inertial_square(s, x, q, i, turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
     widen(s, x, q, leader, bias, squares)
     return True
 
 
 @compiled
+def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares: Array) -> None:
+    """Note which effectors row q's output answers for certain; of what `widen` made of its squared errors (p,).
+
+    Errors that are shares of the estimate itself do not count: they make no answer of none.
+    """
+    leader = leading_member(x, q)
+    away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
+    for j in range(x.answered.shape[0]):
+        i = s.effectors_from + 1 + j
+        square = x.mixed[q, i] * x.mixed[q, i]
+        stays = common_part(x, q) * x.mixed[q, i]
+        shares = stays * stays + elsewhere_square(s, x.mixed[q, i], i, away, apart)
+        if ANSWERED * (squares[i] - bias[i] - x.widened[q, i] * shares) < x.widened[q, i] * square:
+            x.answered[j] = 1
+        if ANSWERED * squares[i] < square:
+            x.effect[q, j] = abs(x.mixed[q, i])
+
+
+@compiled
 def distance_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1]."""
+    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1].
+
+    Where effects go with airspeed, of the direction of the velocity alone.
+    """
     centre = x.centre[x.group[q]]
+    mean = mean_velocity(s, x, q, m)
     away = 0.0
     for j in range(s.velocities.shape[0]):
-        step = x.place[j] - centre[s.velocities[j], m] / s.speed[j]
+        unit = mean if s.scaled else s.speed[j]
+        step = x.place[j] - (centre[s.velocities[j], m] / unit if unit > 0.0 else x.place[j])
         away += step * step
     return away
 
 
 @compiled
-def elsewhere_square(s: BankSettings, value: float, i: int, away: float) -> float:
-    """Square by which coefficient i (constant first), known as ``value``, may differ at that squared distance."""
-    reach = REACH_EFFECTORS if s.effectors_from < i <= s.effectors_to else REACH_STATES
-    return value * value / (reach * reach) * away
+def mean_velocity(s: BankSettings, x: BankState, q: int, m: int) -> float:
+    """Size of the mean velocity that member m remembers, as a regressor [m/s]."""
+    square = 0.0
+    for j in range(s.velocities.shape[0]):
+        one = x.centre[x.group[q], s.velocities[j], m]
+        square += one * one
+    return math.sqrt(square)
+
+
+@compiled
+def mean_ratio(s: BankSettings, x: BankState, q: int, m: int) -> float:
+    """Ratio of speeds that member m remembers [1]: its velocity, a regressor, goes with the square of it."""
+    if not s.scaled or x.speed[0] == 0.0:
+        return 1.0
+    return max(math.sqrt(mean_velocity(s, x, q, m) / x.speed[0]), SLOWEST)
+
+
+@compiled
+def speed_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
+    """Squared logarithm of the mean speed of now over that which member m remembers [1]; 0 where it counts as place."""
+    if not s.scaled:
+        return 0.0
+    step = math.log(max(x.place[x.place.shape[0] - 1], SLOWEST) / mean_ratio(s, x, q, m))
+    return step * step
+
+
+@compiled
+def elsewhere_square(s: BankSettings, value: float, i: int, away: float, apart: float) -> float:
+    """Square by which coefficient i (constant first), known as ``value``, may differ at these squared distances."""
+    effector = s.effectors_from < i <= s.effectors_to
+    reach = REACH_EFFECTORS if effector else REACH_STATES
+    along = SPEED_EFFECTORS if effector else SPEED_STATES
+    return value * value * (away / (reach * reach) + apart / (along * along))
 
 
 @compiled
 def turn_from_mean(s: BankSettings, x: BankState, q: int, rate: int, m: int) -> float:
     """Difference of a rate of now from the mean that member m remembers, as `distance_from_mean` [rad/s]."""
-    return float(x.place[s.velocities.shape[0] + rate] - x.centre[x.group[q], s.rates[rate], m])
+    mean = x.centre[x.group[q], s.rates[rate], m] / mean_ratio(s, x, q, m)
+    return float(x.place[s.velocities.shape[0] + rate] - mean)
 
 
 @compiled
-def inertial_square(s: BankSettings, q: int, i: int, turn: float) -> float:
+def inertial_square(s: BankSettings, x: BankState, q: int, i: int, turn: float) -> float:
     """Square by which a derivative of an angular acceleration by another rate may differ, the third off by ``turn``.
 
     Euler's equation of rate a holds ``c_a`` times the product of the two others: the derivative by one of them is
@@ -262,7 +331,8 @@ def inertial_square(s: BankSettings, q: int, i: int, turn: float) -> float:
     within -1 and 1, of which a third is the mean square; where most of it is known (`kinematics.GYROSCOPIC_PITCH`) it
     is off by no more than that is from .5 and 1, or .2.
     """
-    return turn * turn * (0.04 if s.turning[q + 1, i] > 0 else 1.0 / 3.0)
+    part = turn / power_of(s, i, ratio_of(x))
+    return part * part * (0.04 if s.turning[q + 1, i] > 0 else 1.0 / 3.0)
 
 
 @compiled
@@ -306,12 +376,23 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
     for j in range(s.velocities.shape[0]):
         step = x.place[j] - x.best_place[q, i, j]
         away += step * step
-    known = x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away)
+    apart = speed_from_best(s, x, q, i)
+    known = x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away, apart)
     other = s.coupled[q + 1, i]
     if other >= 0:
         place = s.velocities.shape[0] + other
-        known += inertial_square(s, q, i, x.place[place] - x.best_place[q, i, place])
+        known += inertial_square(s, x, q, i, x.place[place] - x.best_place[q, i, place])
     return float(known)
+
+
+@compiled
+def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """As `speed_from_mean`, from where coefficient i of row q was known best."""
+    if not s.scaled:
+        return 0.0
+    last = x.place.shape[0] - 1
+    step = math.log(max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST))
+    return step * step
 
 
 @compiled
@@ -364,7 +445,15 @@ def keep_best(
 
 @compiled
 def bank_errors(
-    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, errors: Array
+    s: BankSettings,
+    x: BankState,
+    q: int,
+    noise: Array,
+    phi: Array,
+    ratio: float,
+    products: Array,
+    bias: Array,
+    errors: Array,
 ) -> float:
     """Fill in the standard errors of row q's estimates.
 
@@ -375,7 +464,9 @@ def bank_errors(
     q
         Identified row.
     noise
-        (r,) variance of the noise in the states.
+        (r,) variance of the noise in the states, as regressors.
+    phi, ratio
+        (p,) regressors, constant first, and ratio of speeds where the estimates are wanted, see `bank_speed.seen_at`.
     products, bias
         (m,) and (p,) scratch.
     errors
@@ -389,11 +480,24 @@ def bank_errors(
     p = errors.shape[0]
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
     direct_squares(s, x, q, noise, products, bias, errors)
+    sum_square = 0.0
     for i in range(p):
-        source = s.turning[q + 1, i]
-        part = s.turned[q + 1, i]
-        measured = part * part * state_noise(s, x, source - 1, noise[source - 1]) if source > 0 else 0.0
-        bias[i] = math.sqrt(min(errors[i], carried_square(s, x, q, i)) * doubt(s, x, i) + measured)
+        errors[i] = min(errors[i], carried_square(s, x, q, i))
+        part = s.exponent[i] * phi[i]
+        if part != 0.0:
+            sum_square += part * part * errors[i]
+    for i in range(p):
+        source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
+        square = power * power * errors[i] * doubt(s, x, i)
+        if source > 0:
+            own = part / power_of(s, source, ratio_of(x))
+            square += own * own * state_noise(s, x, source - 1, noise[source - 1])
+        slope = slope_by_speed(s, phi, i, ratio)
+        if i == 0 and s.scaled:
+            square += sum_square
+        elif slope != 0.0:
+            square += slope * slope * sum_square + 2.0 * power * slope * s.exponent[i] * phi[i] * errors[i]
+        bias[i] = math.sqrt(square)
     for i in range(p):
         errors[(i + p - 1) % p] = bias[i]
     return residual

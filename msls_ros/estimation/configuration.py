@@ -60,6 +60,17 @@ class Configuration:
         high=1.0,
         in_flight=False,
     )
+    dynamic_pressure: bool = parameter(
+        True,
+        "bank, with known_gravity: effects of surfaces go with the square of airspeed, those of states with it (false: "
+        "where u, v, w are over ground in wind)",
+        in_flight=False,
+    )
+    thrust_effectors: str = parameter(
+        "",
+        "bank: effectors that thrust makes, nozzles and the like: their effects do not go with airspeed, as 'dte, dtr'",
+        in_flight=False,
+    )
     time_jump: float = parameter(
         1.0, "a step back in time larger than this starts anew; a smaller one is refused", unit="s", low=0.0
     )
@@ -103,6 +114,7 @@ class Configuration:
             message += f"period, {0.5 / self.sample_rate:g} s"
             raise EstimationError(message)
         read_surfaces(self.isolation.surfaces, self.effectors)
+        _check_thrust(self)
         if bool(self.dither.position_low) != bool(self.dither.position_high):
             message = "dither.position_low and dither.position_high go together: give both or none"
             raise EstimationError(message)
@@ -111,6 +123,11 @@ class Configuration:
     def known_rotation(self) -> bool:
         """Whether `kinematics.remove_rotation` is known too: for the bank; the paper's method identifies it."""
         return self.known_gravity and self.estimator.method == "bank"
+
+    @property
+    def effectors_of_thrust(self) -> tuple[str, ...]:
+        """Those of `thrust_effectors`."""
+        return tuple(name.strip() for name in self.thrust_effectors.split(",") if name.strip())
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -255,6 +272,13 @@ def _check_names(configuration: Configuration) -> None:
             f"known_gravity with the state '{min(needs)}' needs Phi and Theta among the states, or known_gravity: false"
         )
         raise EstimationError(message)
+
+
+def _check_thrust(configuration: Configuration) -> None:
+    for name in configuration.effectors_of_thrust:
+        if name not in configuration.effectors:
+            message = f"parameter 'thrust_effectors' names '{name}'{nearest(name, configuration.effectors)}; effectors "
+            raise EstimationError(message + f"are {', '.join(configuration.effectors)}")
 
 
 def _check_length(name: str, value: tuple[float, ...], length: int, what: str) -> None:

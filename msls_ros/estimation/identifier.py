@@ -99,15 +99,15 @@ class Identifier:
         self._screen = Screen(c)
         self._enabled = True
         self._followed = -1, -1
-        self._turned = -1, 0.0, 0.0
-        """What of it is known: state, its factor, and the value at the last sample; see `find_rotation`."""
+        self._turned = -1, 0.0
+        """What of it is known: state and its factor; see `find_rotation`."""
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything: estimates, factor, detector, dither sequence."""
         self._regression.reset()
-        self._turned = *self._turned[:2], 0.0
+        self._last_followed = 0.0
         self._law.reset()
         self._supervisor.reset()
         clear_air(self._air)
@@ -130,7 +130,15 @@ class Identifier:
     def enabled(self, on: bool) -> None:
         self._enabled = bool(on)
 
-    def warm_start(self, a: Array, b: Array, bias: Array, covariance: Array, x: Array | None = None) -> None:
+    def warm_start(
+        self,
+        a: Array,
+        b: Array,
+        bias: Array,
+        covariance: Array,
+        x: Array | None = None,
+        delta: Array | None = None,
+    ) -> None:
         """Start anew from a known model instead of from nothing.
 
         Parameters
@@ -143,6 +151,9 @@ class Identifier:
         x
             (n,) states at which what is known from physics stands in ``a`` and ``bias``, as `estimate` enters it;
             None: they hold none of it.
+        delta
+            (m,) deflections there: what the speed makes of their effects stands in the derivatives by velocities
+            (`bank_speed`); None: zero.
 
         Raises
         ------
@@ -156,16 +167,20 @@ class Identifier:
                 f"a, b, bias of shapes {a.shape}, {b.shape}, {bias.shape}; expected ({n}, {n}), ({n}, {m}), ({n},)"
             )
             raise EstimationError(message)
-        kept = self._kept
+        kept, seen = self._kept, None
         if x is not None:
             x = np.ascontiguousarray(x, dtype=np.float64)
-            if x.shape != (n,) or not np.isfinite(x).all():
-                message = f"states x of shape {x.shape}; expected ({n},), finite"
-                raise EstimationError(message)
+            moved = np.zeros(m) if delta is None else np.asarray(delta, dtype=np.float64)
+            for name, array, length in (("states x", x, n), ("deflections delta", moved, m)):
+                if array.shape != (length,) or not np.isfinite(array).all():
+                    message = f"{name} of shape {array.shape}; expected ({length},), finite"
+                    raise EstimationError(message)
             known_a, known_bias = self._assembly.known_at(x)
             a, bias = a - known_a, bias - known_bias
+            seen = np.concatenate([x[kept], moved, [1.0]])
         theta = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
-        self._regression.warm_start(theta, np.array(covariance, dtype=np.float64))
+        self._regression.warm_start(theta, np.array(covariance, dtype=np.float64), seen)
+        self._last_followed = float(self._regression.theta[self._followed])
         self._law.reset()
         self._supervisor.reset()
         self._events = []
@@ -189,6 +204,7 @@ class Identifier:
 
     def _follow(self) -> None:
         self._regression.follow(*self._followed)
+        self._last_followed = float(self._regression.theta[self._followed])
 
     @property
     def air(self) -> float:
@@ -294,7 +310,7 @@ class Identifier:
         c = self.configuration
         self._followed = c.rows.index(row), self._regressors.index(column)
         source, factor = (find_rotation(c.rows) if c.known_rotation else {}).get(self._followed, (-1, 0.0))
-        self._turned = int(self._kept[source]) if factor else -1, factor, 0.0
+        self._turned = int(self._kept[source]) if factor else -1, factor
         self._follow()
 
     @property
@@ -326,7 +342,7 @@ class Identifier:
     @property
     def followed(self) -> float:
         """The estimate that is followed, after the last sample."""
-        return float(self._regression.theta[self._followed]) + self._turned[2]
+        return self._last_followed
 
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
         """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
@@ -426,7 +442,7 @@ class Identifier:
         else:
             block = self._law.silence(time, NOT_FLYING)
         self._dither = block.at(-1)
-        return block, self._with_known(np.full(count, self._regression.theta[self._followed]), x)
+        return block, self._with_known(self._regression.values(*self._followed, x, self._kept), x)
 
     def _take(self, samples: Samples, start: int, stop: int, count: int) -> tuple[DitherBlock, Array]:
         """Put samples through the compiled loop, and the last ``count`` of them through the dither law.
@@ -443,7 +459,7 @@ class Identifier:
         if not self._enabled:
             block = self._law.silence(time[part])
             self._dither = block.at(-1)
-            return block, self._with_known(np.full(stop - start, self._regression.theta[self._followed]), x[part])
+            return block, self._with_known(self._regression.values(*self._followed, x[part], self._kept), x[part])
         if not isinstance(self._regression, BankRegression):
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
             self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
@@ -472,12 +488,11 @@ class Identifier:
 
     def _with_known(self, followed: Array, x: Array) -> Array:
         """Return the estimate that is followed, (k,), with what is known of it at the states x, (k, n)."""
-        source, factor, _ = self._turned
-        if factor == 0.0:
-            return followed
-        known = factor * x[:, source]
-        self._turned = source, factor, float(known[-1])
-        return followed + known
+        source, factor = self._turned
+        if factor != 0.0:
+            followed = followed + factor * x[:, source]
+        self._last_followed = float(followed[-1])
+        return followed
 
     def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
         n, m = len(self.configuration.states), len(self.configuration.effectors)

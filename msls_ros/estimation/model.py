@@ -7,7 +7,7 @@ decide enough of it and its standard error is small for its size::
     rho >= excitation   and   error <= max( relative_error |theta|, tolerance / scale )
 
 The bank has no rho. The size of an effect is there what it was when it was last known to a fifth, if that is more: that
-an effector is dead is known when the error is small against what it did (`bank_attenuation.observe_answers`).
+an effector is dead is known when the error is small against what it did (`bank_uncertainty.observe_answers`).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
+from msls_ros.estimation.bank_speed import power_of, seen_at, value_at
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled
@@ -75,6 +76,8 @@ class BankScratch(NamedTuple):
     """(p,)"""
     errors: Array
     """(p,)"""
+    phi: Array
+    """(p,) regressors where the model is wanted."""
 
 
 class Layout(NamedTuple):
@@ -162,7 +165,7 @@ def fill_bank_model(
     x
         (n,) states at which the known terms are linearised.
     noise
-        (r,) variance of the noise in the states.
+        (r,) variance of the noise in the states, as regressors.
     scratch
         See `BankScratch`.
     out, best
@@ -173,18 +176,21 @@ def fill_bank_model(
     r = layout.kept.shape[0]
     errors = scratch.errors
     last = errors.shape[0] - 1
+    phi = scratch.phi
     add_known(x, layout.known, layout.turning, out.a, out.bias)
+    ratio = seen_at(s, state, x, layout.kept, phi)
     for q in range(r):
         row = layout.kept[q]
-        out.residual_std[row] = bank_errors(s, state, q, noise, scratch.products, scratch.bias, errors)
+        out.residual_std[row] = bank_errors(s, state, q, noise, phi, ratio, scratch.products, scratch.bias, errors)
         forgetting[row] = mean_forgetting(s, state, q)
         info = state.info[state.group[q]]
         for i in range(last + 1):
             j = (i + 1) % (last + 1)
-            theta = state.theta[q, i]
+            theta = value_at(s, state.mixed[q], phi, j, ratio)
+            power = power_of(s, j, ratio)
             out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
             fixed = out.a[row, layout.kept[i]] if i < r else 0.0
-            size = abs(theta + fixed) if not r <= i < last else max(abs(theta), state.effect[q, i - r])
+            size = abs(theta + fixed) if not r <= i < last else max(abs(theta), power * state.effect[q, i - r])
             allowed = max(layout.relative_error * size, layout.tolerance[i])
             reliable = errors[i] <= allowed and state.misfits[q] == 0
             if i == last:
@@ -197,16 +203,16 @@ def fill_bank_model(
                 out.a_std[row, column] = errors[i]
                 out.a_reliable[row, column] = reliable
                 if known:
-                    best.a_best[row, column] = state.best[q, j] + fixed
-                    best.a_best_std[row, column] = math.sqrt(state.best_square[q, j])
+                    best.a_best[row, column] = theta + power * (state.best[q, j] - state.mixed[q, j]) + fixed
+                    best.a_best_std[row, column] = power * math.sqrt(state.best_square[q, j])
                     best.a_best_time[row, column] = state.best_time[q, j]
             else:
                 out.b[row, i - r] = theta
                 out.b_std[row, i - r] = errors[i]
                 out.b_reliable[row, i - r] = reliable
                 if known:
-                    best.b_best[row, i - r] = state.best[q, j]
-                    best.b_best_std[row, i - r] = math.sqrt(state.best_square[q, j] * doubt(s, state, j))
+                    best.b_best[row, i - r] = power * state.best[q, j]
+                    best.b_best_std[row, i - r] = power * math.sqrt(state.best_square[q, j] * doubt(s, state, j))
                     best.b_best_time[row, i - r] = state.best_time[q, j]
 
 
@@ -249,7 +255,7 @@ class Assembly:
         colours = 1 if isinstance(regression, BankRegression) else len(regression.settings.colours)
         self._scratch = np.empty((2, colours)), np.empty(p)
         members = len(regression.settings.forgetting) if isinstance(regression, BankRegression) else 0
-        self._bank_scratch = BankScratch(np.empty(members), np.empty(p), np.empty(p))
+        self._bank_scratch = BankScratch(np.empty(members), np.empty(p), np.empty(p), np.empty(p))
         self.a_known: Flags = find_known(c.states) if c.known_gravity else np.zeros((n, n), np.bool_)
         """(n, n) which entries of A come from physics; read-only."""
         self._forgetting = np.full(n, math.nan)

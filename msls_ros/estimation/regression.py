@@ -107,7 +107,11 @@ class Regression:
         """Forget everything."""
         clear(self.settings, self.state)
 
-    def warm_start(self, theta: Array, covariance: Array) -> None:
+    def values(self, row: int, column: int, x: Array, kept: Integers) -> Array:
+        """Return an estimate at states (k, n), of which those in ``kept`` are regressors: the same at all of them."""
+        return np.full(len(x), self.theta[row, column])
+
+    def warm_start(self, theta: Array, covariance: Array, seen: Array | None = None) -> None:
         """Start anew from given estimates.
 
         Parameters
@@ -116,6 +120,8 @@ class Regression:
             (r, p) estimates.
         covariance
             (p, p) their covariance over the residual variance, symmetric positive definite; all rows share it.
+        seen
+            Not asked for here; see `BankRegression.warm_start`.
 
         Raises
         ------

@@ -83,5 +83,5 @@ def _fly(configuration: Configuration) -> None:
     identifier.enabled = False
     identifier.learn(float(t[-1]) + step, x[-1], xdot[-1], delta[-1])
     identifier.enabled = True
-    identifier.warm_start(np.zeros((n, n)), b, np.zeros(n), identifier.covariance, x[0])
+    identifier.warm_start(np.zeros((n, n)), b, np.zeros(n), identifier.covariance, x[0], delta[0])
     identifier.update(float(t[0]), x[0], xdot[0], delta[0])

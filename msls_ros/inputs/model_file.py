@@ -32,9 +32,11 @@ class SavedModel:
     """(p, p) of the estimates over the residual variance; see `Identifier.warm_start`."""
     x: Array
     """(n,) states at which what is known from physics stands in ``a`` and ``bias``."""
+    delta: Array
+    """(m,) deflections there."""
 
 
-def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array, stamp: int) -> None:
+def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array, delta: Array, stamp: int) -> None:
     """Write what an identifier has learnt as YAML.
 
     Parameters
@@ -45,8 +47,8 @@ def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array
         Its covariance and configuration are kept.
     estimate
         Its last.
-    x
-        (n,) states of the last sample.
+    x, delta
+        (n,) states and (m,) deflections of the last sample.
     stamp
         Of the last sample [ns].
 
@@ -63,6 +65,7 @@ def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array
         "regressors": list(estimate.regressors),
         **{name: getattr(estimate, name).tolist() for name in ("a", "b", "bias", "a_std", "b_std")},
         "x": np.asarray(x, np.float64).tolist(),
+        "delta": np.asarray(delta, np.float64).tolist(),
         "covariance": identifier.covariance.tolist(),
         "configuration": {k: list(v) if isinstance(v, tuple) else v for k, v in identifier.parameters.items()},
     }
@@ -89,6 +92,7 @@ def read_model(path: Path) -> SavedModel:
         states, effectors, regressors = (tuple(map(str, content[k])) for k in ("states", "effectors", "regressors"))
         a, b, bias, covariance = (np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance"))
         x = np.array(content["x"], dtype=np.float64) if "x" in content else None
+        delta = np.array(content.get("delta", [0.0] * len(effectors)), dtype=np.float64)
     except OSError as error:
         message = f"the model '{path}' cannot be read: {error.strerror}"
         raise EstimationError(message) from error
@@ -100,7 +104,7 @@ def read_model(path: Path) -> SavedModel:
             f"the model '{path}' is of an earlier version: it has no x, the states that it holds for; save it anew"
         )
         raise EstimationError(message)
-    return SavedModel(states, effectors, regressors, a, b, bias, covariance, x)
+    return SavedModel(states, effectors, regressors, a, b, bias, covariance, x, delta)
 
 
 def start_from(identifier: Identifier, path: Path) -> None:
@@ -115,4 +119,4 @@ def start_from(identifier: Identifier, path: Path) -> None:
     if (model.states, model.effectors, model.regressors) != (c.states, c.effectors, c.regressors):
         message = f"the model '{path}' has states {list(model.states)}, effectors {list(model.effectors)}; expected "
         raise EstimationError(message + f"{list(c.states)}, {list(c.effectors)}")
-    identifier.warm_start(model.a, model.b, model.bias, model.covariance, model.x)
+    identifier.warm_start(model.a, model.b, model.bias, model.covariance, model.x, model.delta)

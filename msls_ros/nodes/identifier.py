@@ -377,7 +377,7 @@ class IdentifierNode(LifecycleNode):
             if self.estimate is None or self._sample is None:
                 message = "nothing to save: no sample has come"
                 raise EstimationError(message)
-            write_model(path, self._identifier, self.estimate, self._sample.x, self._sample.stamp)
+            write_model(path, self._identifier, self.estimate, self._sample.x, self._sample.delta, self._sample.stamp)
             response.success, response.message = True, f"saved to {path}"
         except EstimationError as error:
             response.success, response.message = False, str(error)

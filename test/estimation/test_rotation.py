@@ -12,6 +12,7 @@ import yaml
 from msls_ros.estimation import Configuration, Estimate, EstimationError, Identifier
 from msls_ros.estimation.bank_energy import turned_output
 from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank_state import make_bank_state
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import (
     FLIGHT_STATES,
@@ -66,7 +67,8 @@ def test_what_is_taken_off_an_output_is_what_its_energy_is_counted_with() -> Non
     settings = bank_settings(configuration())
     x = np.random.default_rng(1).uniform(-2.0, 2.0, 9)
     phi = np.concatenate([[1.0], x[:6], np.zeros(3)])
-    turned = [turned_output(settings, phi, q) for q in range(6)]
+    state = make_bank_state(settings, 6, 4)
+    turned = [turned_output(settings, state, phi, q) for q in range(6)]
     np.testing.assert_allclose(turned, [*-np.cross(x[3:6], x[:3]), 0.0, pitching(x), 0.0], atol=1e-14)
 
 
@@ -119,7 +121,7 @@ def test_a_saved_model_starts_elsewhere_as_it_was(method: str, tmp_path: Path) -
     time, x, xdot, delta, _ = flight(400)
     first, second = Identifier(configuration(method)), Identifier(configuration(method))
     estimate = first.run(time, x, xdot, delta, every=400).estimates[-1]
-    write_model(tmp_path / "model.yaml", first, estimate, x[399], 1)
+    write_model(tmp_path / "model.yaml", first, estimate, x[399], delta[399], 1)
     start_from(second, tmp_path / "model.yaml")
     elsewhere = np.array([50.0, -5.0, 3.0, 0.5, -0.2, 0.1, 0.3, 0.2, 0.0])
     expected, found = first.estimate(8.0, elsewhere), second.estimate(8.0, elsewhere)
