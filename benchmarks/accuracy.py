@@ -5,8 +5,8 @@ per scenario and noise the medians over the seeds, divided by the smaller one of
 was shipped before the bank, and of RLS.
 
 Flight test (`judge_flight_test`): each manoeuvre's own derivatives at its end against batch least squares on the same
-span and against the truth, against the truth once more at the end of the flight, how they move in 60 s of quiet, and
-how the last A and B predict the same manoeuvre of a repeat, reversed and at three quarters. Beside it RLS with memories
+span and against the truth, at the end of the flight against the truth of then, how they move in 60 s of quiet, and how
+the last A and B predict the same manoeuvre of a repeat, reversed and at three quarters. Beside it RLS with memories
 of 1, 2, 4 and 8 s and MSLS with two settings, of which by each measure the best counts, which nobody knows beforehand.
 Batch takes deflections as they are recorded, 14 ms before the responses, and is that much in error; where the bank has
 found the delay its prediction takes the deflections of so long ago.
@@ -198,13 +198,14 @@ def judge_flight_test(bed: Bed, seed: int, flight: Recorded, repeat: Recorded) -
             row["alarms"] = sum(e.kind == EventKind.DETECTED for one in estimates for e in one.events)
             row["delay"] = last.delay
         found: Row = {measure: {} for measure in MEASURES}
+        at_end = truth_at(flight, last.time)
         for span, batch, truth, best in zip(KEYS, batches, truths, expected, strict=True):
             then = estimates[int(np.searchsorted(time, span[1])) - 1]
             for key in span[2]:
                 right = pick(ours, truth, key)
                 found["batch"]["/".join(key)] = relative(pick(ours, then, key), pick(ours, batch, key))
                 found["truth"]["/".join(key)] = relative(pick(ours, then, key), right)
-                found["end"]["/".join(key)] = relative(pick(ours, last, key), right)
+                found["end"]["/".join(key)] = relative(pick(ours, last, key), pick(ours, at_end, key))
             found["r2_lost"][span[2][0][0]] = best - r_squared(ours, last, clip(repeat, *span[:2]), span)
         first, later = (estimates[int(np.searchsorted(time, t)) - 1] for t in QUIET)
         for key in DRIFTING:

@@ -61,6 +61,7 @@ from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.elementary import logarithm
 from msls_ros.estimation.kernel import Array
 
 REACH_STATES, REACH_EFFECTORS = 0.25, 0.42
@@ -302,7 +303,7 @@ def speed_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
     """Squared logarithm of the mean speed of now over that which member m remembers [1]; 0 where it counts as place."""
     if not s.scaled:
         return 0.0
-    step = math.log(max(x.place[x.place.shape[0] - 1], SLOWEST) / mean_ratio(s, x, q, m))
+    step = logarithm(max(x.place[x.place.shape[0] - 1], SLOWEST) / mean_ratio(s, x, q, m))
     return step * step
 
 
@@ -391,7 +392,7 @@ def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
     if not s.scaled:
         return 0.0
     last = x.place.shape[0] - 1
-    step = math.log(max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST))
+    step = logarithm(max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST))
     return step * step
 
 

@@ -115,6 +115,10 @@ class Identifier:
         self._screen.reset()
         self._passed = 0
         """Samples that are not learnt from, or not yet."""
+        self._learnt_x: Array | None = None
+        self._held_x: Array | None = None
+        """States of the last sample that was learnt from, and of the last sample where that is another one: no speed
+        and no motion to hand out a model at, until it is known for none of a spike."""
         self._newest: tuple[Output, int] | None = None
         """What came of the last sample that was learnt from: where, and at which place."""
         self._events: list[FaultEvent] = []
@@ -434,6 +438,7 @@ class Identifier:
             return self._take(samples, first, last, count)
         self._passed += count
         self._signals.clear()
+        self._held_x = x[-1].copy() if verdict == HELD else None
         if verdict == HELD and self._newest is not None:
             out, place = self._newest
             k = slice(place, place + 1)
@@ -442,6 +447,7 @@ class Identifier:
         else:
             block = self._law.silence(time, NOT_FLYING)
         self._dither = block.at(-1)
+        x = np.array([self._believed(one) for one in x])
         return block, self._with_known(self._regression.values(*self._followed, x, self._kept), x)
 
     def _take(self, samples: Samples, start: int, stop: int, count: int) -> tuple[DitherBlock, Array]:
@@ -480,6 +486,7 @@ class Identifier:
             self._events[before:] = [replace(event, time=at) for event in self._events[before:]]
         self._error = out.e[stop - 1]
         self._newest = out, stop - 1
+        self._learnt_x, self._held_x = x[stop - 1].copy(), None
         self._signals.append((out.e[part], out.statistic[part]))
         effects = Knowledge(out.b[answered], out.b_variance[answered], out.excitation[answered], out.alarm[answered])
         block = self._law.commands(time[answered], effects, delta[answered])
@@ -506,10 +513,19 @@ class Identifier:
                 )
                 raise EstimationError(message)
 
+    def _believed(self, x: Array) -> Array:
+        """Return states (n,), or those of the last sample learnt from where these are of one that is held."""
+        held = self._held_x is not None and np.array_equal(x, self._held_x)
+        return self._learnt_x if held and self._learnt_x is not None else x
+
     def estimate(self, time: float, x: Array) -> Estimate:
-        """Return the model as it stands, its known part at ``x`` (n,), with the events since the last call."""
+        """Return the model as it stands at ``x`` (n,), with the events since the last call.
+
+        What is known of physics is that there, and what goes with airspeed. At the sample that was held last it is
+        that at the last one learnt from.
+        """
         c = self.configuration
-        model, best, forgetting = self._assembly.build(np.ascontiguousarray(x, np.float64))
+        model, best, forgetting = self._assembly.build(self._believed(np.ascontiguousarray(x, np.float64)))
         delay, delay_std = self._regression.delay
         return Estimate(
             time=time,

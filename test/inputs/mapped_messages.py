@@ -23,6 +23,8 @@ FRD_OF_FLU = np.diag([1.0, -1.0, -1.0])
 ODOMETRY, IMU, JOINTS = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/JointState"
 RC_OUT = "mavros_msgs/msg/RCOut"
 VEHICLE, SENSORS, SERVOS = (f"px4_msgs/msg/{n}" for n in ("VehicleOdometry", "SensorCombined", "ActuatorServos"))
+TRIM = np.array([18.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.05, 0.4])
+"""Of `rigid_flight`."""
 DEFINITIONS = {
     RC_OUT: "std_msgs/Header header\nuint16[] channels\n",
     VEHICLE: "uint64 timestamp\nuint64 timestamp_sample\nuint8 pose_frame\nfloat32[3] position\nfloat32[4] q\n"
@@ -170,11 +172,11 @@ def write_bag(path: Path, sent: Iterator[Sent], definitions: Path) -> Path:
 
 
 def rigid_flight(seconds: float, seed: int = 1, pace: Callable[[float], float] = lambda t: 1.0) -> Flight:
-    """Fly a made-up rigid aircraft of 18 m/s, linear in forces and moments, by Runge-Kutta steps of 2.5 ms."""
+    """Fly a made-up rigid aircraft of 18 m/s, forces and moments linear and with airspeed, by Runge and Kutta."""
     random = np.random.default_rng(seed)
     rates = random.uniform(0.3, 3.0, (3, 6)) * 2.0 * math.pi
     phases = random.uniform(0.0, 2.0 * math.pi, (3, 6))
-    trim = np.array([18.0, 0.0, 0.9, 0.0, 0.0, 0.0, 0.0, 0.05, 0.4])
+    trim = TRIM
     rest = -rotation(trim[6:]).T @ np.array([0.0, 0.0, GRAVITY])
     forces = np.diag([-0.1, -0.5, -4.0, 0.0, 0.0, 0.0])[:3]
     moments = np.array([[0, -0.5, 0, -8.0, 0, 1.5], [0, 0, -1.0, 0, -5.0, 0], [0, 0.6, 0, -0.3, 0, -1.5]])
@@ -185,7 +187,8 @@ def rigid_flight(seconds: float, seed: int = 1, pace: Callable[[float], float] =
         return np.asarray(0.02 * np.sin(rates * t + phases).sum(axis=1)) * pace(t)
 
     def derivative(t: float, x: Array) -> Array:
-        delta, off = deflections(t), x[:6] - trim[:6]
+        fast = float(np.linalg.norm(x[:3]) / np.linalg.norm(trim[:3]))
+        delta, off = fast * fast * deflections(t), fast * (x[:6] - trim[:6])
         force = rest + forces @ off + by_force @ delta
         p, q, r, phi, theta = x[3:8]
         down = rotation(x[6:]).T @ np.array([0.0, 0.0, GRAVITY])
