@@ -130,9 +130,8 @@ def truth_of(flight: Flight, name: str, k: int) -> float:
     whole = float(WHOLE.get(name, 0.0) * (fast**2 if column in delta else fast))
     if column not in "uvw":
         return whole
-    return whole + float(x["uvw".index(column)] / square) * sum(
-        WHOLE.get(f"{row}/{n}", 0.0) * m for n, m in moved.items()
-    )
+    size = sum(WHOLE.get(f"{row}/{n}", 0.0) * float(m) for n, m in moved.items())
+    return whole + float(x["uvw".index(column)]) / square * size
 
 
 def by_samples(flight: Flight, at: int, *, measured: bool) -> dict[str, float]:
