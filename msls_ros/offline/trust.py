@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
+from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank_speed import FASTEST, SLOWEST, power_of, raise_regressors, speed_of, value_at
+from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.offline.recompute import Recomputed
 from msls_ros.report.knowledge import gather_knowledge
@@ -115,6 +118,8 @@ def _agreement(
     if models is None:
         return 0, 0
     phi, y = regression(configuration, x, xdot, delta, turning=configuration.known_rotation)
+    settings = bank_settings(configuration) if configuration.estimator.method == "bank" else None
+    ratio = _scale_by_speed(settings, phi) if settings is not None and settings.scaled else np.ones(len(phi))
     scale = np.sqrt(np.mean(np.square(phi), axis=0))
     moving = scale > 0.0
     scaled = phi[:, moving] / scale[moving]
@@ -128,7 +133,8 @@ def _agreement(
     colour = (1.0 + np.clip(rho, 0.0, 0.98)) / (1.0 - np.clip(rho, 0.0, 0.98))
     variance = np.sum(left * left, axis=0) / max(1, len(y) - len(theta)) * colour
     std = np.sqrt(np.diag(inverse)[:, None] * variance[None, :]) / scale[moving][:, None]
-    theta = theta / scale[moving][:, None]
+    whole = np.zeros((phi.shape[1], y.shape[1]))
+    whole[moving] = theta / scale[moving][:, None]
     names = [name for name, used in zip(configuration.regressors, moving, strict=True) if used]
     known = gather_knowledge(models, [])
     parts = find_rotation(configuration.rows) if configuration.known_rotation else {}
@@ -136,13 +142,29 @@ def _agreement(
     for i, j in np.argwhere(known.known).tolist():
         row, column = known.rows[i], known.columns[j]
         if row in configuration.rows and column in names:
-            q, p = configuration.rows.index(row), names.index(column)
+            q, p = configuration.rows.index(row), configuration.regressors.index(column)
             value = float(known.value[i, j])
+            at = min(int(np.searchsorted(time, known.time[i, j])), len(time) - 1)
             if (q, p) in parts:
                 source, factor = parts[q, p]
-                at = min(int(np.searchsorted(time, known.time[i, j])), len(time) - 1)
                 value -= factor * float(x[at, configuration.states.index(configuration.rows[source])])
-            off = abs(value - float(theta[p, q]))
+            expected, power = float(whole[p, q]), 1.0
+            if settings is not None:
+                now = np.roll(phi[at], 1)
+                expected = value_at(settings, np.roll(whole[:, q], 1), now, p + 1, float(ratio[at]))
+                power = power_of(settings, p + 1, float(ratio[at]))
             compared += 1
-            inside += off <= _BAND * float(np.hypot(known.std[i, j], std[p, q]))
+            own = power * float(std[names.index(column), q])
+            inside += abs(value - expected) <= _BAND * float(np.hypot(known.std[i, j], own))
     return inside, compared
+
+
+def _scale_by_speed(settings: BankSettings, phi: Array) -> Array:
+    """Scale regressors (k, p), constant last, as the bank does, by the speed of the first; return the ratios (k,)."""
+    speeds = [speed_of(settings, np.roll(row, 1)) for row in phi]
+    ratios = np.clip(np.array(speeds) / max(speeds[0], 1e-9), SLOWEST, FASTEST)
+    for row, ratio in zip(phi, ratios.tolist(), strict=True):
+        scaled = np.roll(row, 1)
+        raise_regressors(settings, scaled, ratio)
+        row[:] = np.roll(scaled, -1)
+    return ratios

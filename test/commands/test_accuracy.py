@@ -41,7 +41,7 @@ def flown(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 
 def test_what_an_elevator_input_taught_is_still_known_two_minutes_of_other_inputs_later(flown: dict[str, Any]) -> None:
     bank = flown["methods"]["bank"]
-    assert bank["end"]["Q/de"] < 0.1
+    assert bank["end"]["Q/de"] < 0.12  # .08 before effects went with airspeed: this elevator lies in the slipstream
     assert bank["r2_lost"]["Q"] < 0.05
     others = [method["end"]["Q/de"] for name, method in flown["methods"].items() if name != "bank"]
     assert min(others) > 2.0 * bank["end"]["Q/de"]
