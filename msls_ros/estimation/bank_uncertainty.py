@@ -469,7 +469,7 @@ def bank_errors(
     phi, ratio
         (p,) regressors, constant first, and ratio of speeds where the estimates are wanted, see `bank_speed.seen_at`.
     products, bias
-        (m,) and (p,) scratch.
+        (m,) and (p,) scratch; ``bias[0]`` out, the error of S, see `bank_speed`.
     errors
         (p,) out, constant last; infinite before anything can be known.
 
@@ -501,6 +501,7 @@ def bank_errors(
         bias[i] = math.sqrt(square)
     for i in range(p):
         errors[(i + p - 1) % p] = bias[i]
+    bias[0] = math.sqrt(sum_square)
     return residual
 
 

@@ -62,8 +62,8 @@ class Configuration:
     )
     dynamic_pressure: bool = parameter(
         True,
-        "bank, with known_gravity: effects of surfaces go with the square of airspeed, those of states with it (false: "
-        "where u, v, w are over ground in wind)",
+        "bank, with known_gravity: effects of surfaces go with the square of airspeed, those of states with it; false: "
+        "none does",
         in_flight=False,
     )
     thrust_effectors: str = parameter(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
-from msls_ros.estimation.bank_speed import power_of, seen_at, value_at
+from msls_ros.estimation.bank_speed import power_of, seen_at, slope_by_speed, value_at
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled
@@ -204,7 +204,11 @@ def fill_bank_model(
                 out.a_reliable[row, column] = reliable
                 if known:
                     best.a_best[row, column] = theta + power * (state.best[q, j] - state.mixed[q, j]) + fixed
-                    best.a_best_std[row, column] = power * math.sqrt(state.best_square[q, j])
+                    square = power * power * state.best_square[q, j]
+                    slope = slope_by_speed(s, phi, j, ratio)
+                    if slope != 0.0:
+                        square += slope * slope * scratch.bias[0] * scratch.bias[0]
+                    best.a_best_std[row, column] = math.sqrt(square)
                     best.a_best_time[row, column] = state.best_time[q, j]
             else:
                 out.b[row, i - r] = theta

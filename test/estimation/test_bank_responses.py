@@ -63,9 +63,10 @@ def fly(
 @pytest.mark.parametrize("rate", [50, 100])
 @pytest.mark.parametrize(("lag", "delay"), [(0.035, 0.02), (0.05, 0.02), (0.065, 0.03)])
 def test_the_effects_of_servos_are_right_from_their_commands_alone(lag: float, delay: float, rate: int) -> None:
-    _, estimates = fly(lag, delay, rate=rate)
+    engine, estimates = fly(lag, delay, rate=rate)
     last = estimates[-1]
     assert last.lag > 0.0
+    assert engine.state.answered.all(), "its doubt of a quarter of each effect is none of whether there is one"
     assert last.lag + last.delay == pytest.approx(lag + delay + 0.5 / rate, abs=0.02), "held commands"
     main = EFFECTS != 0.0
     np.testing.assert_allclose(last.b[main], EFFECTS[main], rtol=0.2)

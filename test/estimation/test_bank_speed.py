@@ -95,6 +95,7 @@ def test_what_is_learnt_at_one_speed_holds_at_another() -> None:
         i, j = STATES.index(row), STATES.index(column)
         assert estimate.a[i, j] == pytest.approx(true_a[i, j], rel=0.05)
         assert abs(estimate.a[i, j] - true_a[i, j]) < 1.96 * estimate.a_std[i, j]
+        assert abs(estimate.a_best[i, j] - true_a[i, j]) < 1.96 * np.hypot(estimate.a_std, estimate.a_best_std)[i, j]
 
 
 def test_without_it_an_effect_is_that_of_where_it_was_learnt_and_the_bar_says_so() -> None:
