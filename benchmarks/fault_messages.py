@@ -282,8 +282,8 @@ def _mapped(name: str, samples: int) -> list[tuple[int, str, Any]]:
     if tests not in sys.path:
         sys.path.append(tests)
     made: Any = importlib.import_module("inputs.mapped_messages")
-    made.START = START  # a second after 0, a stamp of 0 would be near
     flight = made.rigid_flight(samples / made.RATE)
+    flight.start = START  # a second after 0, a stamp of 0 would be near
     if name == "odometry_jointstate":
         flight.effectors = ("elevator", "aileron", "rudder")
     return [(log, topic, _object(content)) for log, topic, _, content in getattr(made, MAPS[name])(flight)]

@@ -39,15 +39,16 @@ Sent = tuple[int, str, str, dict[str, Any]]
 
 @dataclass
 class Flight:
-    """Samples at `RATE`, from `START`; n samples."""
+    """Samples at `RATE`; n samples."""
 
     effectors: tuple[str, ...]
     x: Array
     xdot: Array
     delta: Array
+    start: int = START
 
     def stamp(self, k: int) -> int:
-        return START + k * (1_000_000_000 // RATE)
+        return self.start + k * (1_000_000_000 // RATE)
 
     def force(self, k: int) -> Array:
         """Specific force at the centre of mass (3,), FRD [m/s^2]."""
