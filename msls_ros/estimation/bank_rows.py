@@ -352,6 +352,7 @@ def report_effectors(s: BankSettings, x: BankState, b: Array, variance: Array, e
     A row that recovers from an alarm keeps the estimate from before; what a fault may have done to it counts as one
     standard error of its own size at most, for a fault takes effect away and hardly ever adds any.
     """
+    ratio = ratio_of(x)
     for j in range(excitation.shape[0]):
         excitation[j] = 1.0
     for q in range(x.theta.shape[0]):
@@ -359,7 +360,7 @@ def report_effectors(s: BankSettings, x: BankState, b: Array, variance: Array, e
         residual = residual_variance(x, q)
         for j in range(excitation.shape[0]):
             i = s.effectors_from + j
-            power = power_of(s, i + 1, ratio_of(x))
+            power = power_of(s, i + 1, ratio)
             b[q, j] = power * x.theta[q, i]
             square = power * power * residual / x.known[q, i + 1] if x.known[q, i + 1] > 0.0 else math.inf
             if g > 0 and square > b[q, j] * b[q, j]:

@@ -251,15 +251,22 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
 
     Errors that are shares of the estimate itself do not count: they make no answer of none.
     """
-    leader = leading_member(x, q)
-    away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
+    waiting = False
+    for j in range(x.answered.shape[0]):
+        waiting = waiting or x.answered[j] == 0
+    away = 0.0
+    apart = 0.0
+    if waiting:
+        leader = leading_member(x, q)
+        away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
         square = x.mixed[q, i] * x.mixed[q, i]
-        stays = common_part(x, q) * x.mixed[q, i]
-        shares = stays * stays + elsewhere_square(s, x.mixed[q, i], i, away, apart)
-        if ANSWERED * (squares[i] - bias[i] - x.widened[q, i] * shares) < x.widened[q, i] * square:
-            x.answered[j] = 1
+        if x.answered[j] == 0:
+            stays = common_part(x, q) * x.mixed[q, i]
+            shares = stays * stays + elsewhere_square(s, x.mixed[q, i], i, away, apart)
+            if ANSWERED * (squares[i] - bias[i] - x.widened[q, i] * shares) < x.widened[q, i] * square:
+                x.answered[j] = 1
         if ANSWERED * squares[i] < square:
             x.effect[q, j] = abs(x.mixed[q, i])
 
