@@ -152,10 +152,12 @@ def after_identifier(fleet: Fleet) -> int:
 
     fleet.wait(mixed, "dither in the commands")
     fleet.kill("identifier")
-    fleet.await_new("command", "command_out")
+    fleet.await_new("command", "command_out", "state")
+    # the mixer may have heard a last dither that the probe has not: who is dead sends nothing again; none is younger
+    # than the states of now
+    stale = messages.stamp_of(fleet.seen["state"][-1][1]) + round(1e9 * STALE_AFTER)
 
-    def late(topic: str) -> list[Any]:  # the last dither may be heard after commands that are younger
-        stale = messages.stamp_of(fleet.seen["dither"][-1][1]) + round(1e9 * STALE_AFTER)
+    def late(topic: str) -> list[Any]:
         return [m for _, m in fleet.seen[topic][begun[topic] :] if messages.stamp_of(m) > stale]
 
     fleet.wait(lambda: min(len(late("command")), len(late("command_out"))) > SEVERAL, "commands without dither")
