@@ -219,6 +219,9 @@ def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> N
             x.best_square[q, first + j] = math.inf
             x.square[q, first + j] = math.inf
     x.mixed[q, 0] += mean_error(x, q, x.mixed[q])
+    x.drawn[q] = 0
+    for i in range(x.shift.shape[1]):
+        x.shift[q, i] = 0.0
     x.theta[q, x.theta.shape[1] - 1] = x.mixed[q, 0]
 
 

@@ -28,6 +28,7 @@ from msls_ros.estimation.bank_losses import (
 )
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_responses import respond
+from msls_ros.estimation.bank_shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank_speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
 from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
@@ -203,6 +204,8 @@ def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None
         mix(x, q, y[q], work.phi, work.e)
         if turn % KEEP == 0:
             keep_best(s, x, q, work.noise, work.e, work.w, work.squares)
+            shrink(s, x, q, work.factor, work.w, work.squares)
+        hold_prediction(x, q, work.phi)
 
 
 @compiled
@@ -313,9 +316,11 @@ def restart_row(x: BankState, q: int) -> None:
     p, members = x.members.shape[1:]
     x.judged[q] = 0.0
     x.counted[q] = -2 * p
+    x.drawn[q] = 0
     clear_batches(x, q)
     for i in range(p):
         x.best_square[q, i] = math.inf
+        x.shift[q, i] = 0.0
         x.square[q, i] = math.inf
         x.square_lately[0, q, i] = 0.0
         x.square_lately[1, q, i] = 0.0

@@ -143,10 +143,17 @@ def fill_values(
     """Fill in row q's derivative by regressor i at states (k, n): (k,) out, scratch (p,); see `seen_at`."""
     for k in range(out.shape[0]):
         ratio = seen_at(s, x, states[k], kept, phi)
-        out[k] = value_at(s, x.mixed[q], phi, i, ratio)
+        out[k] = published_value(s, x, q, phi, i, ratio)
 
 
 @compiled
 def last_value(s: BankSettings, x: BankState, q: int, i: int) -> float:
     """Return row q's derivative by regressor i (constant first), or for 0 its bias, at the last sample."""
-    return float(value_at(s, x.mixed[q], x.seen, i, ratio_of(x)))
+    return published_value(s, x, q, x.seen, i, ratio_of(x))
+
+
+@compiled
+def published_value(s: BankSettings, x: BankState, q: int, phi: Array, i: int, ratio: float) -> float:
+    """As `value_at`, of row q's estimates as they are published (`bank_shrinkage`)."""
+    value = value_at(s, x.mixed[q], phi, i, ratio)
+    return float(value + value_at(s, x.shift[q], phi, i, ratio)) if x.drawn[q] else float(value)

@@ -399,6 +399,10 @@ class BankState(NamedTuple):
     """(r, p) when they were known [s]."""
     best_place: Array
     """(r, p, v + w + 1) where they were known."""
+    shift: Array
+    """(r, p) by how much what is published is drawn back to them, constant first, see `bank_shrinkage`."""
+    drawn: Integers
+    """(r,) 1 where it is."""
     place: Array
     """(v + w + 1,) where that is: mean velocities of now, in units of their scale, or where effects go with airspeed
     their direction; rates [rad/s]; and mean ratio of speeds then."""
@@ -602,6 +606,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         best_square=np.zeros((rows, p)),
         best_time=np.zeros((rows, p)),
         best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates) + 1)),
+        shift=np.zeros((rows, p)),
+        drawn=np.zeros(rows, np.int64),
         place=np.zeros(len(s.velocities) + len(s.rates) + 1),
         speed=np.zeros(2),
         seen=np.zeros(p),

@@ -375,11 +375,11 @@ def square_of_change(x: BankState, q: int, i: int, square: float) -> float:
 
 
 @compiled
-def known_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Squared standard error of coefficient i (constant first) by the best that was known."""
+def known_square(s: BankSettings, x: BankState, q: int, i: int, value: float) -> float:
+    """Squared standard error of a value of coefficient i (constant first) by the best that was known."""
     if x.best_square[q, i] == math.inf:
         return math.inf
-    moved = x.mixed[q, i] - x.best[q, i]
+    moved = value - x.best[q, i]
     away = 0.0
     for j in range(s.velocities.shape[0]):
         step = x.place[j] - x.best_place[q, i, j]
@@ -404,11 +404,11 @@ def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
 
 
 @compiled
-def carried_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+def carried_square(s: BankSettings, x: BankState, q: int, i: int, value: float) -> float:
     """Return `known_square`, no less than what shows of delays, and what speaks against it now."""
     if x.best_square[q, i] == math.inf:
         return math.inf
-    return float(max(known_square(s, x, q, i), x.late_square[1, q, i]) + disagreement(s, x, q, i))
+    return float(max(known_square(s, x, q, i, value), x.late_square[1, q, i]) + disagreement(s, x, q, i))
 
 
 @compiled
@@ -431,7 +431,7 @@ def keep_best(
     if begun:
         observe_answers(s, x, q, bias, squares)
     for i in range(squares.shape[0]):
-        carried = carried_square(s, x, q, i)
+        carried = carried_square(s, x, q, i, x.mixed[q, i])
         x.square[q, i] = min(squares[i], carried) * doubt(s, x, i)
         moved = math.inf
         if begun:
@@ -443,7 +443,7 @@ def keep_best(
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
         lately = max(x.square_lately[0, q, i], x.square_lately[1, q, i])
-        if lately <= known_square(s, x, q, i):
+        if lately <= known_square(s, x, q, i, x.mixed[q, i]):
             x.best[q, i] = x.mixed[q, i]
             x.best_square[q, i] = lately
             x.best_time[q, i] = x.clock[0]
@@ -490,7 +490,7 @@ def bank_errors(
     direct_squares(s, x, q, noise, products, bias, errors)
     sum_square = 0.0
     for i in range(p):
-        errors[i] = min(errors[i], carried_square(s, x, q, i))
+        errors[i] = min(errors[i], carried_square(s, x, q, i, x.mixed[q, i] + x.shift[q, i]))
         part = s.exponent[i] * phi[i]
         if part != 0.0:
             sum_square += part * part * errors[i]

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
-from msls_ros.estimation.bank_speed import power_of, seen_at, slope_by_speed, value_at
+from msls_ros.estimation.bank_speed import power_of, published_value, seen_at, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled
@@ -186,7 +186,7 @@ def fill_bank_model(
         info = state.info[state.group[q]]
         for i in range(last + 1):
             j = (i + 1) % (last + 1)
-            theta = value_at(s, state.mixed[q], phi, j, ratio)
+            theta = published_value(s, state, q, phi, j, ratio)
             power = power_of(s, j, ratio)
             out.excitation[i] = min(out.excitation[i], excitation_of(s, info[j, s.recent], j))
             fixed = out.a[row, layout.kept[i]] if i < r else 0.0
@@ -203,7 +203,9 @@ def fill_bank_model(
                 out.a_std[row, column] = errors[i]
                 out.a_reliable[row, column] = reliable
                 if known:
-                    best.a_best[row, column] = theta + power * (state.best[q, j] - state.mixed[q, j]) + fixed
+                    best.a_best[row, column] = (
+                        theta + power * (state.best[q, j] - state.mixed[q, j] - state.shift[q, j]) + fixed
+                    )
                     square = power * power * state.best_square[q, j]
                     slope = slope_by_speed(s, phi, j, ratio)
                     if slope != 0.0:
