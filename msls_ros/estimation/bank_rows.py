@@ -204,7 +204,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None
         mix(x, q, y[q], work.phi, work.e)
         if turn % KEEP == 0:
             keep_best(s, x, q, work.noise, work.e, work.w, work.squares)
-            shrink(s, x, q, work.factor, work.w, work.squares)
+            shrink(s, x, q, work.squares)
         hold_prediction(x, q, work.phi)
 
 

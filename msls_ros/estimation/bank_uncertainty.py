@@ -31,7 +31,8 @@ must not be hidden.
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
 which is what the last term allows for. Where now is no worse than what is kept, and has been so for a quarter to half a
-second, it is kept instead: a bias that changes sign passes through nothing, and is not known to be nothing then.
+second, it is kept instead: a bias that changes sign passes through nothing, and is not known to be nothing then. What
+is published of states' effects may be drawn back to what is kept (`bank_shrinkage`), whose error it has then.
 
 Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``k + 2``
 samples, a few with what states keep through a fault (`bank_forgetting`).
