@@ -206,7 +206,8 @@ def kept_rows(folder: Path | None, name: str) -> tuple[Path | None, list[dict[st
     if folder is None:
         return None, []
     folder.mkdir(parents=True, exist_ok=True)
-    file = folder / f"{name}-{running_code()[:16]}.jsonl"
+    code = hashlib.sha256(running_code().encode()).hexdigest()[:16]
+    file = folder / f"{name}-{code}.jsonl"
     lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
     return file, [json.loads(line) for line in lines if line.endswith("}")]
 

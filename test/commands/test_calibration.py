@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks import calibration
+from benchmarks import calibration, calibration_beds
 from benchmarks.calibration_beds import (
     AIRCRAFT,
     OTHERS,
@@ -17,6 +17,8 @@ from benchmarks.calibration_beds import (
     Recorded,
     f16_beds,
     flight_test_beds,
+    keep_row,
+    kept_rows,
     mapped,
     other_beds,
     record,
@@ -93,6 +95,16 @@ def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
     assert direct["flights"] == through["flights"] == 2
     assert direct["broken"] == direct["silent"] == 2
     assert "flight test, mapped: 2 flights" in calibration.render(result)
+
+
+def test_rows_of_other_code_are_not_gone_on_with(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Codes that begin alike, as all do: the digest is at their end."""
+    for code, expected in (("msls_ros with sources 1", []), ("msls_ros with sources 2", []), (None, [{"one": 1}])):
+        if code is not None:
+            monkeypatch.setattr(calibration_beds, "running_code", lambda code=code: code)
+        file, rows = kept_rows(tmp_path, "rows")
+        assert rows == expected
+        keep_row(file, {"one": 1})
 
 
 def judged(name: str, noise: str, seed: int, path: str) -> dict[str, Any]:
