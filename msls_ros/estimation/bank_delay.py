@@ -8,13 +8,17 @@ interpolation: ``g_j = h_j + d u_j``, ``u_j = h_j(k-l) - h_j(k)``. One step of G
 the sums over seconds of `bank_lags`, per row::
 
     theta = (sum g g')^-1 sum g y,      z = sum_j theta_j u_j,  of effects that are 3 standard errors from none
-    d_q = d + sum y z~ / sum z~^2,      v_q = s^2 c / sum z~^2,      z~: z with the regressors g partialled out
+    N = n (1 - r) sum_j theta_j^2 sigma_j^2,                    E = sum z~^2 - 2 N
+    d_q = d + (sum y z~ + (2d - 1) N) / E,                      v_q = s^2 c sum z~^2 / E^2
 
-s^2 is the mean square of what is left of y, c corrects for autocorrelation. What the rows have in common is found by
-weighted least squares over half a minute, with what is plausible before anything is known
+s^2 is the mean square of what is left of y, c corrects for autocorrelation, z~ is z with the regressors g partialled
+out. Interpolation averages the noise in deflections, most so at l/2, to which d is drawn where noise is what moves:
+``(1 - 2d + 2d^2) sigma_j^2`` is left of its variance sigma_j^2 (`bank_effector_noise`), and what d changes of that is
+no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives. What the rows have in common
+is found by weighted least squares over half a minute, with what is plausible before anything is known
 (`BankSettings.late_part`)::
 
-    delay = l sum w d_q / (sum w + 1/part^2),      w = 1 / (v_q (1 + v_q/NOISY^2) + DIFFER^2)
+    delay = l sum w d_q / (sum w + 1/part^2),      w = 1 / (v_q + (KNOWN N/E)^2/SLOW + DIFFER^2)
 
 and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
 (James and Stein). The regressors are the deflections of that long ago, and what has been learnt before is corrected
@@ -26,7 +30,7 @@ References
 ----------
 Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility). Seber and Wild, *Nonlinear
 Regression*, section 2.1.3 (Gauss-Newton). Söderström, "Errors-in-variables methods in system identification",
-Automatica 43 (2007).
+Automatica 43 (2007) (least squares without what noise adds to it).
 """
 
 from __future__ import annotations
@@ -47,11 +51,10 @@ DIFFER = 0.05
 Measured on beds with dither and delays of 0, 7, 14 and 22 ms: rows of angular accelerations differ by .1 to .6 ms, all
 of them are up to 1.8 ms off by the linear interpolation, and 2 ms where 22 ms are more than l.
 """
-NOISY = 0.05
-"""Standard error, over l, from which on a row counts less and less [1]: 1 ms.
+KNOWN = 0.5
+"""Relative error of the variance of the noise in deflections; it is the same in all of the sums that are added up [1].
 
-Interpolation averages the noise of deflections, most so at l/2, to which rows are drawn in which noise is what moves:
-on smooth flights with delays of 0 to 22 ms, rows of 1 ms or less were right to 2 ms, those of 5 ms or more said 10 ms.
+A median by third differences is right to a tenth or two where noise is white; slow noise is not seen by them.
 """
 
 
@@ -88,7 +91,6 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
     for j in range(count):
         now = phi[first + j]
         x.quick_mean[first + j] = now
-        x.motion[1, first + j] = now
         x.phi_last[first + j] = now
         x.unexplained[j] = 0.0
         x.third_power[j] = 0.0
@@ -204,6 +206,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
             z[i] = 0.0
         size = 0.0
         product = 0.0
+        noise = 0.0
         for j in range(count):
             effect = w[first + j]
             if effect * effect * information[j] <= SEEN * variance:
@@ -211,6 +214,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
             for i in range(1, p):
                 z[i] += effect * x.quick_moment[j, i]
             product += effect * x.answer[q, j]
+            noise += effect * effect * x.third_noise[j]
             for k in range(count):
                 z[first + k] += effect * d * x.steps[max(j, k), min(j, k)]
                 other = w[first + k]
@@ -219,13 +223,16 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
         for i in range(1, p):
             product -= z[i] * w[i]
         own = size - solve_forward(factor, z, 0)
-        if own <= APART * size:
+        noise *= s.late_noise * x.quick_samples[0]
+        moves = own - 2.0 * noise
+        if moves <= APART * size:
             continue
         rho = autocorrelation(x, q)
-        square = variance * (1.0 + rho) / (1.0 - rho) / own
-        one = 1.0 / (square * (1.0 + square / (NOISY * NOISY)) + DIFFER * DIFFER)
+        square = variance * (1.0 + rho) / (1.0 - rho) * own / (moves * moves)
+        drawn = KNOWN * noise / moves
+        one = 1.0 / (square + drawn * drawn / SLOW + DIFFER * DIFFER)
         weight += one
-        total += one * (d + product / own)
+        total += one * (d + (product + (2.0 * d - 1.0) * noise) / moves)
     moving = 0.0
     for q in range(x.gate.shape[0]):
         moving += x.gate[q] / x.gate.shape[0]

@@ -9,7 +9,7 @@ chi^2_l / l); the largest counts::
     T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, mean_l moved_k) + floor^2 energy )
 
 An alarm is ``T > threshold``. ``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2``
-what the standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.motion`) to be
+what the standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.quick`) to be
 mispredicted by, at the time of each error: that the motion has ended excuses its errors no less. ``energy`` is what the
 output had when it was excited (`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the
 quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor can be low. ``d`` is
@@ -200,14 +200,14 @@ def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
 
 @compiled
 def moved_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Squared error that row q's standard errors allow the motion since they were made (`BankState.motion`)."""
+    """Squared error that row q's standard errors allow the motion since they were made (`BankState.quick`)."""
     total = 0.0
-    for i in range(1, x.motion.shape[1]):
-        if x.motion[0, i] * x.motion[0, i] > noise_limit(s, x, i):
+    for i in range(1, x.quick.shape[0]):
+        if x.quick[i] * x.quick[i] > noise_limit(s, x, i):
             square = x.square_moved[q, i]
             if x.alert[0] > 0:
                 square = min(square, x.square_past[1, q, i])
-            total += x.motion[0, i] * x.motion[0, i] * square
+            total += x.quick[i] * x.quick[i] * square
     return total
 
 

@@ -58,7 +58,6 @@ In full, 95 % of the errors were within .7 to 1.3 of a bar that this dominates (
 def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update how quickly the regressors move, and what late effectors would change: (p,), constant first."""
     start = max(1.0 / (x.samples[0] + 1.0), s.quick)
-    slow = max(1.0 / (x.samples[0] + 1.0), s.motion)
     first = s.effectors_from + 1
     fade = s.colour_forgetting
     p = phi.shape[0]
@@ -67,8 +66,6 @@ def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
     for i in range(1, p):
         x.quick_mean[i] += start * (phi[i] - x.quick_mean[i])
         x.quick[i] = phi[i] - x.quick_mean[i]
-        x.motion[1, i] += slow * (phi[i] - x.motion[1, i])
-        x.motion[0, i] = phi[i] - x.motion[1, i]
         for k in range(1, i + 1):
             x.moment[i, k] = fade * x.moment[i, k] + x.quick[i] * x.quick[k]
     for j in range(x.answer.shape[1]):

@@ -74,7 +74,10 @@ STRIDE = 0.1
 ENTRY = 30.0
 """Memory of whether the noise in the states is in the outputs [s]: as that of delays, both are of the sensors."""
 QUICK = 0.1
-"""Memory of the mean above which regressors are quick: a few samples at any rate [s]."""
+"""Memory of the mean above which regressors are quick: a few samples at any rate [s].
+
+That of the window of derivatives is added, which leaves nothing quicker than itself.
+"""
 LATEST = 0.06
 """By how much deflections are taken back at most [s]."""
 LATE = 0.02
@@ -170,6 +173,7 @@ def make_bank_settings(
     mixes[:, len(grid) :] = False
     near = [_nearest(grid, tau) for tau, _ in LOSSES]
     late = max(1, round(LATE / period))
+    quick = QUICK + straddle * period
     ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
     third, slope_noise = _window_noise(straddle)
     parts = turning or {}
@@ -220,8 +224,7 @@ def make_bank_settings(
             np.int64
         ),
         turned=_by_regressor({place: factor for place, (_, factor) in parts.items()}, len(scale)),
-        quick=min(period / QUICK, 1.0),
-        motion=min(period / (QUICK + straddle * period), 1.0),
+        quick=min(period / quick, 1.0),
         third=third,
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
@@ -235,8 +238,9 @@ def make_bank_settings(
         lag_times=np.array([0.0, *LAGS]),
         ahead=max(ahead),
         block_forgetting=math.exp(-late * period / COLOUR_MEMORY),
-        block_quick=min(late * period / QUICK, 1.0),
+        block_quick=min(late * period / quick, 1.0),
         latest=max(1, round(LATEST / period)),
+        late_noise=_unlike(straddle, late),
         late_part=DELAY_OF_RECORDS / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
@@ -277,6 +281,13 @@ def _window_noise(straddle: int) -> tuple[float, float]:
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
     return math.sqrt(square / float(np.sum(thirds * thirds))), over_slope
+
+
+def _unlike(straddle: int, lag: int) -> float:
+    """Return 1 - r, r the autocorrelation of white noise that has passed such a window, ``lag`` samples on."""
+    window, _ = _window(straddle)
+    kept = max(len(window) - lag, 0)
+    return 1.0 - float(np.sum(window[:kept] * window[len(window) - kept :])) / float(np.sum(window * window))
 
 
 def _quantiles(rows: int, straddle: int, differenced: Sequence[int]) -> Array:

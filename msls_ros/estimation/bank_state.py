@@ -107,8 +107,6 @@ class BankSettings(NamedTuple):
     """Share that a sample forgets of how outputs go with the noise in the states, see `bank_effector_noise`."""
     slope_noise: float
     """Variance of white noise in a state that has passed the window over what it leaves of the derivative [s^2]."""
-    motion: float
-    """Gain per sample of the mean above which regressors have moved since the estimates that predict a sample."""
     late: int
     """Samples by which responses may be late, see `bank_lags`."""
     lags: Array
@@ -125,6 +123,8 @@ class BankSettings(NamedTuple):
     block_quick: float
     latest: int
     """Samples by which deflections are taken back at most."""
+    late_noise: float
+    """1 - r of the autocorrelation r of white noise that has passed the window, ``late`` samples on [1]."""
     late_part: float
     """Part of an effect that may come that late before anything is known of it, standard deviation [1]."""
     gains: Array
@@ -239,9 +239,7 @@ class BankState(NamedTuple):
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
     quick: Array
-    """(p,) the regressors above their mean of the last moment, see `bank_lags`."""
-    motion: Array
-    """(2, p) the regressors above their mean since the estimates that predict them, see `bank_detection`; that mean."""
+    """(p,) the regressors above their mean of the last moment, and so since the estimates that predict them."""
     quick_past: Array
     """(l, c) the effectors of these over the last samples, a ring."""
     quick_late: Array
@@ -527,7 +525,6 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
         quick=np.zeros(p),
-        motion=np.zeros((2, p)),
         quick_past=np.zeros((s.late, effectors)),
         quick_late=np.zeros(effectors),
         quick_mean=np.zeros(p),
