@@ -8,6 +8,7 @@ from estimation.test_bank import SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.inputs.derivatives import interval_weights
 
 STEP = 0.002
 """Of the simulation [s]."""
@@ -85,3 +86,29 @@ def test_samples_that_come_slower_than_was_said_are_not_all_gaps() -> None:
     found, estimates = fly(0.014, 50, seconds=20.0, said=2.0)
     assert 2.0 * found == pytest.approx(0.014, abs=0.004)  # by the rate that was said
     np.testing.assert_allclose(estimates[-1].b, EFFECTS, atol=0.15 * 8.0)
+
+
+def fly_by_hand(delay: float, window: int) -> Estimate:
+    """Return the last estimate: slow inputs, measured with noise; both through a window of derivatives."""
+    n, back = 6000, round(100 * delay)
+    t = 0.01 * np.arange(n, dtype=np.float64)
+    delta = 0.1 * np.stack([np.sin(3.0 * t + np.sin(0.7 * t)), np.sin(4.0 * t + 2.0 * np.sin(0.3 * t))], axis=1)
+    x, xdot = np.zeros((n, 3)), np.zeros((n, 3))
+    for k in range(n):
+        xdot[k] = EFFECTS @ delta[max(k - back, 0)] - np.array([2.0, 1.0, 0.5]) * x[k]
+        if k + 1 < n:
+            x[k + 1] = x[k] + 0.01 * xdot[k]
+    weights = np.convolve(interval_weights(window), [0.5, 0.5]) if window else np.ones(1)
+    noisy = xdot + 0.05 * uniform(n, 3, 84), delta + 0.004 * uniform(n, 2, 85)
+    means = [np.array([np.convolve(one, weights, "valid") for one in part.T]).T for part in (t[:, None], x, *noisy)]
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}), window)
+    return identifier.run(means[0][:, 0], means[1], means[2], means[3]).estimates[-1]
+
+
+@pytest.mark.parametrize("window", [0, 4])
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_noise_in_the_deflections_draws_the_delay_nowhere(delay: float, window: int) -> None:
+    """Interpolation averages it, most so half-way, at 10 ms: what that gains is reckoned out, and little is known."""
+    estimate = fly_by_hand(delay, window)
+    assert estimate.delay <= delay + 0.003
+    assert abs(estimate.delay - delay) <= 1.96 * estimate.delay_std
