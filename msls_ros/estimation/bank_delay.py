@@ -13,7 +13,7 @@ the sums over seconds of `bank_lags`, per row::
 
 s^2 is the mean square of what is left of y, c corrects for autocorrelation, z~ is z with the regressors g partialled
 out. Interpolation averages the noise in deflections, most so at l/2, to which d is drawn where noise is what moves:
-``(1 - 2d + 2d^2) sigma_j^2`` is left of its variance sigma_j^2 (`bank_effector_noise`), and what d changes of that is
+``(1 - 2d (1-d)(1-r)) sigma_j^2`` is left of its variance (`bank_effector_noise`), and what d changes of that is
 no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives. What the rows have in common
 is found by weighted least squares over half a minute, with what is plausible before anything is known
 (`BankSettings.late_part`)::
