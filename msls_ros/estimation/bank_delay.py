@@ -14,14 +14,21 @@ the sums over seconds of `bank_lags`, per row::
 s^2 is the mean square of what is left of y, c corrects for autocorrelation, z~ is z with the regressors g partialled
 out. Interpolation averages the noise in deflections, most so at l/2, to which d is drawn where noise is what moves:
 ``(1 - 2d (1-d)(1-r)) sigma_j^2`` is left of its variance (`bank_effector_noise`), and what d changes of that is
-no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives. What the rows have in common
-is found by weighted least squares over half a minute, with what is plausible before anything is known
-(`BankSettings.late_part`)::
+no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives. Rates and velocities have
+sensors of their own, whose filters differ, and rates may be differentiated, velocities not: the rows of angular rates
+(moments) are one kind, all others (forces) the other. What the rows of a kind have in common is found by weighted least
+squares over half a minute, ``d_kind = sum w d_q / sum w`` of variance ``v_kind = 1 / sum w``, and drawn to what both
+kinds have in common (random effects), with what is plausible before anything is known: ``part``, of all of them, and
+``apart``, between the kinds (`BankSettings.late_part`, ``late_apart``)::
 
-    delay = l sum w d_q / (sum w + 1/part^2),      w = 1 / (v_q + (KNOWN N/E)^2/SLOW + DIFFER^2)
+    w = 1 / (v_q + (KNOWN N/E)^2/SLOW + DIFFER^2),      share = apart^2 / (apart^2 + v_kind)
+    common = sum d_kind/(v_kind + apart^2) / (sum 1/(v_kind + apart^2) + 1/part^2),   V_common = 1/(same sum)
+    delay = l (common + share (d_kind - common)),      V/l^2 = apart^2 (1-share) + (1-share)^2 V_common + B^2
 
-and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
-(James and Stein). The regressors are the deflections of that long ago, and what has been learnt before is corrected
+with the most that rows differ by interpolation, none at no delay or l, ``B = 4 d (1-d) DIFFER``, for it is not averaged
+away; and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
+(James and Stein). The regressors are the deflections of as long ago as moments are late; of what forces do, what the
+difference to their own delay makes is taken off the outputs (`put_in_step`). What has been learnt before is corrected
 (`bank_lags.shift_estimates`). Of a delay of far more than l (20 ms) the rest is not found; responses before deflections
 are not looked for. Derivatives that are made from the states by a window are looked at like all others: one window for
 values and slopes delays neither against the other.
@@ -30,7 +37,8 @@ References
 ----------
 Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility). Seber and Wild, *Nonlinear
 Regression*, section 2.1.3 (Gauss-Newton). Söderström, "Errors-in-variables methods in system identification",
-Automatica 43 (2007) (least squares without what noise adds to it).
+Automatica 43 (2007) (least squares without what noise adds to it). DerSimonian and Laird, "Meta-analysis in clinical
+trials", Controlled Clinical Trials 7 (1986) (random effects).
 """
 
 from __future__ import annotations
@@ -51,6 +59,8 @@ DIFFER = 0.05
 Measured on beds with dither and delays of 0, 7, 14 and 22 ms: rows of angular accelerations differ by .1 to .6 ms, all
 of them are up to 1.8 ms off by the linear interpolation, and 2 ms where 22 ms are more than l.
 """
+MOMENTS = 0
+"""Kind of the rows of angular rates; that of all others is 1."""
 KNOWN = 0.5
 """Relative error of the variance of the noise in deflections; it is the same in all of the sums that are added up [1].
 
@@ -77,8 +87,7 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
     first = s.effectors_from + 1
     count = x.answer.shape[1]
     x.quick_samples[0] = 0.0
-    for i in range(4):
-        x.delay[i] = 0.0
+    x.delay[:, :] = 0.0
     for i in range(1, phi.shape[0]):
         for k in range(1, i + 1):
             x.moment[i, k] = 0.0
@@ -114,21 +123,57 @@ def take_back(s: BankSettings, x: BankState, phi: Array) -> None:
     size = x.recent.shape[0]
     slot = x.samples[0] % size
     first = s.effectors_from + 1
-    whole = int(x.delay[0])
-    part = x.delay[0] - whole
+    whole = int(x.delay[MOMENTS, 0])
+    part = x.delay[MOMENTS, 0] - whole
     for j in range(x.answer.shape[1]):
         x.recent[slot, j] = phi[first + j]
         if x.samples[0] >= size:
-            phi[first + j] = deflection_of(x, slot - whole, part, j)
-            x.step_back[j] = deflection_of(x, slot - whole - s.late, part, j) - phi[first + j]
+            phi[first + j] = deflection_of(s, x, slot - whole, part, j)
+            x.step_back[j] = deflection_of(s, x, slot - whole - s.late, part, j) - phi[first + j]
 
 
 @compiled
-def deflection_of(x: BankState, slot: int, part: float, j: int) -> float:
-    """Return effector j's deflection of so long ago: a slot of the ring, and which part of a sample before it."""
+def put_in_step(s: BankSettings, x: BankState, y: Array, phi: Array, to: Array) -> None:
+    """Put the outputs (r,) as they would be if all were as late as moments into ``to``; phi (p,), constant first.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state, after `take_back`.
+    y
+        Outputs.
+    phi
+        Regressors, constant first, deflections taken back.
+    to
+        (r,) out.
+    """
+    size = x.recent.shape[0]
+    slot = x.samples[0] % size
+    first = s.effectors_from + 1
+    for q in range(y.shape[0]):
+        to[q] = y[q]
+        late = x.delay[s.kind[q], 0]
+        if late == x.delay[MOMENTS, 0] or x.samples[0] < size:
+            continue
+        whole = int(late)
+        for j in range(x.answer.shape[1]):
+            to[q] -= x.mixed[q, first + j] * (deflection_of(s, x, slot - whole, late - whole, j) - phi[first + j])
+
+
+@compiled
+def deflection_of(s: BankSettings, x: BankState, slot: int, part: float, j: int) -> float:
+    """Return effector j's deflection of so long ago: a slot of the ring, and which part of a sample before it.
+
+    On a straight line between two samples, for a command that is held moves an actuator in one of them; through a
+    window of derivatives all is smooth, and a parabola through three (Lagrange) takes nothing from what is quick.
+    """
     size = x.recent.shape[0]
     newer = x.recent[slot % size, j]
-    return float(newer + part * (x.recent[(slot - 1) % size, j] - newer))
+    middle = x.recent[(slot - 1) % size, j]
+    found = newer + part * (middle - newer)
+    if s.straddle > 0:
+        found -= 0.5 * part * (1.0 - part) * (newer - 2.0 * middle + x.recent[(slot - 2) % size, j])
+    return float(found)
 
 
 @compiled
@@ -168,7 +213,7 @@ def find_unexplained(s: BankSettings, x: BankState, d: float, factor: Array, w: 
 
 @compiled
 def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array, information: Array) -> None:
-    """Find the delay that all responses have in common, and what `bank_lags` needs to know of it.
+    """Find the delays that the rows of each kind have in common, and what `bank_lags` needs to know of them.
 
     Parameters
     ----------
@@ -179,70 +224,102 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
     w, z, information
         (p,) scratch.
     """
-    p = factor.shape[0]
-    first = s.effectors_from + 1
-    count = x.answer.shape[1]
-    free = x.quick_samples[0] - p - 3.0
-    if free <= 0.0 or count == 0:
-        x.delay[1] = s.late_part * s.late_part
+    if x.quick_samples[0] - factor.shape[0] - 3.0 <= 0.0 or x.answer.shape[1] == 0:
+        for kind in range(x.delay.shape[0]):
+            x.delay[kind, 1] = s.late_part * s.late_part
         return
-    d = x.delay[1] * x.delay[2]
-    factor_moments(s, x, d, factor)
-    find_unexplained(s, x, d, factor, w, information)
-    total = 0.0
-    weight = 0.0
-    for q in range(x.answer.shape[0]):
-        w[0] = 0.0
-        for i in range(1, p):
-            w[i] = x.early[q, i]
-        for j in range(count):
-            w[first + j] += d * x.answer[q, j]
-        left = x.early[q, 0] - solve_forward(factor, w, 0)
-        solve_backward(factor, w)
-        if left <= 0.0:
-            continue
-        variance = left / free
-        for i in range(p):
-            z[i] = 0.0
-        size = 0.0
-        product = 0.0
-        noise = 0.0
-        for j in range(count):
-            effect = w[first + j]
-            if effect * effect * information[j] <= SEEN * variance:
-                continue
-            for i in range(1, p):
-                z[i] += effect * x.quick_moment[j, i]
-            product += effect * x.answer[q, j]
-            noise += effect * effect * x.third_noise[j]
-            for k in range(count):
-                z[first + k] += effect * d * x.steps[max(j, k), min(j, k)]
-                other = w[first + k]
-                if other * other * information[k] > SEEN * variance:
-                    size += effect * other * x.steps[max(j, k), min(j, k)]
-        for i in range(1, p):
-            product -= z[i] * w[i]
-        own = size - solve_forward(factor, z, 0)
-        noise *= s.late_noise * x.quick_samples[0]
-        moves = own - 2.0 * noise
-        if moves <= APART * size:
-            continue
-        rho = autocorrelation(x, q)
-        square = variance * (1.0 + rho) / (1.0 - rho) * own / (moves * moves)
-        drawn = KNOWN * noise / moves
-        one = 1.0 / (square + drawn * drawn / SLOW + DIFFER * DIFFER)
-        weight += one
-        total += one * (d + (product + (2.0 * d - 1.0) * noise) / moves)
     moving = 0.0
     for q in range(x.gate.shape[0]):
         moving += x.gate[q] / x.gate.shape[0]
     gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0) * moving
-    x.delay[2] += gain * (total - SLOW * x.delay[2])
-    x.delay[3] += gain * (weight - SLOW * x.delay[3])
-    x.delay[1] = 1.0 / (x.delay[3] + 1.0 / (s.late_part * s.late_part))
-    part = x.delay[1] * x.delay[2]
-    part = part - x.delay[1] / part if part > 0.0 else 0.0
-    before = x.delay[0]
-    x.delay[0] = min(max(part * s.late, 0.0), float(s.latest))
-    if x.delay[0] != before:
-        shift_estimates(s, x, (x.delay[0] - before) / s.late)
+    for kind in range(x.delay.shape[0] - 1, -1, -1):
+        factor_moments(s, x, x.delay[kind, 4], factor)
+        find_unexplained(s, x, x.delay[kind, 4], factor, w, information)
+        x.delay[kind, 2] -= gain * SLOW * x.delay[kind, 2]
+        x.delay[kind, 3] -= gain * SLOW * x.delay[kind, 3]
+        for q in range(x.answer.shape[0]):
+            if s.kind[q] == kind:
+                observe_lateness(s, x, q, gain, factor, w, z, information)
+    weigh_kinds(s, x)
+
+
+@compiled
+def observe_lateness(
+    s: BankSettings, x: BankState, q: int, gain: float, factor: Array, w: Array, z: Array, information: Array
+) -> None:
+    """Add what row q says now, with a gain, to the sums of its kind of rows; the others as `find_delay` has them."""
+    p = factor.shape[0]
+    first = s.effectors_from + 1
+    count = x.answer.shape[1]
+    kind = s.kind[q]
+    d = x.delay[kind, 4]
+    w[0] = 0.0
+    for i in range(1, p):
+        w[i] = x.early[q, i]
+    for j in range(count):
+        w[first + j] += d * x.answer[q, j]
+    left = x.early[q, 0] - solve_forward(factor, w, 0)
+    solve_backward(factor, w)
+    if left <= 0.0:
+        return
+    variance = left / (x.quick_samples[0] - p - 3.0)
+    for i in range(p):
+        z[i] = 0.0
+    size = 0.0
+    product = 0.0
+    noise = 0.0
+    for j in range(count):
+        effect = w[first + j]
+        if effect * effect * information[j] <= SEEN * variance:
+            continue
+        for i in range(1, p):
+            z[i] += effect * x.quick_moment[j, i]
+        product += effect * x.answer[q, j]
+        noise += effect * effect * x.third_noise[j]
+        for k in range(count):
+            z[first + k] += effect * d * x.steps[max(j, k), min(j, k)]
+            other = w[first + k]
+            if other * other * information[k] > SEEN * variance:
+                size += effect * other * x.steps[max(j, k), min(j, k)]
+    for i in range(1, p):
+        product -= z[i] * w[i]
+    own = size - solve_forward(factor, z, 0)
+    noise *= s.late_noise * x.quick_samples[0]
+    moves = own - 2.0 * noise
+    if moves <= APART * size:
+        return
+    rho = autocorrelation(x, q)
+    square = variance * (1.0 + rho) / (1.0 - rho) * own / (moves * moves)
+    drawn = KNOWN * noise / moves
+    one = 1.0 / (square + drawn * drawn / SLOW + DIFFER * DIFFER)
+    x.delay[kind, 2] += gain * one * (d + (product + (2.0 * d - 1.0) * noise) / moves)
+    x.delay[kind, 3] += gain * one
+
+
+@compiled
+def weigh_kinds(s: BankSettings, x: BankState) -> None:
+    """Find the delay of each kind of rows from their sums, and correct what has been learnt by what is new in it."""
+    apart = s.late_apart * s.late_apart
+    total = 0.0
+    weight = 1.0 / (s.late_part * s.late_part)
+    for kind in range(x.delay.shape[0]):
+        if x.delay[kind, 3] > 0.0:
+            one = 1.0 / (1.0 / x.delay[kind, 3] + apart)
+            weight += one
+            total += one * x.delay[kind, 2] / x.delay[kind, 3]
+    common = total / weight
+    for kind in range(x.delay.shape[0]):
+        own = apart * x.delay[kind, 3] / (apart * x.delay[kind, 3] + 1.0)
+        part = common
+        if own > 0.0:
+            part += own * (x.delay[kind, 2] / x.delay[kind, 3] - common)
+        variance = apart * (1.0 - own) + (1.0 - own) * (1.0 - own) / weight
+        bent = 4.0 * part * (1.0 - part) * DIFFER
+        variance += bent * bent
+        x.delay[kind, 1] = variance
+        x.delay[kind, 4] = part
+        part = part - variance / part if part > 0.0 else 0.0
+        before = x.delay[kind, 0]
+        x.delay[kind, 0] = min(max(part * s.late, 0.0), float(s.latest))
+        if x.delay[kind, 0] != before:
+            shift_estimates(s, x, kind, (x.delay[kind, 0] - before) / s.late)

@@ -154,15 +154,17 @@ def find_late_square(s: BankSettings, x: BankState, q: int, products: Array) -> 
             common += x.mixed[q, s.effectors_from + 1 + j] * mean
             hidden += x.unlike[0, q, j] * mean * mean
             shown += x.unlike[1, q, j] * mean * mean
-        x.late_square[0, q, i] = REALISED * (x.delay[1] * common * common + hidden + shown)
+        x.late_square[0, q, i] = REALISED * (x.delay[s.kind[q], 1] * common * common + hidden + shown)
         x.late_square[1, q, i] = shown
 
 
 @compiled
-def shift_estimates(s: BankSettings, x: BankState, change: float) -> None:
-    """Correct what all members remember for a delay that is found to be longer by ``change`` of `BankSettings.late`."""
+def shift_estimates(s: BankSettings, x: BankState, kind: int, change: float) -> None:
+    """Correct what the members of a kind of rows remember for a delay that is longer by ``change`` of its unit, l."""
     first = s.effectors_from + 1
     for q in range(x.mixed.shape[0]):
+        if s.kind[q] != kind:
+            continue
         for j in range(x.sensitivity.shape[1]):
             amount = change * x.mixed[q, first + j]
             for i in range(x.mixed.shape[1]):

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from msls_ros.estimation.bank_delay import MOMENTS
 from msls_ros.estimation.bank_forgetting import spread_loss
 from msls_ros.estimation.bank_isolation import Losses
 from msls_ros.estimation.bank_losses import KNOWN, compare_surfaces
@@ -183,8 +184,8 @@ class BankRegression:
     def delay(self) -> tuple[float, float]:
         """Of responses after deflections, that was found and taken out, and its standard error [s]."""
         s, x = self.settings, self.state
-        share = s.late_part if x.delay[1] == 0.0 else math.sqrt(x.delay[1])
-        back = float(x.delay[0]) + float(s.responses[x.response[0], 1] * s.late)
+        share = s.late_part if x.delay[MOMENTS, 1] == 0.0 else math.sqrt(x.delay[MOMENTS, 1])
+        back = float(x.delay[MOMENTS, 0]) + float(s.responses[x.response[0], 1] * s.late)
         return back * s.period, share * s.late * s.period
 
     @property

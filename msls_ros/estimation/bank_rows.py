@@ -11,7 +11,7 @@ import math
 from msls_ros.estimation.bank import update_members
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
-from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, take_back
+from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
 from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states
 from msls_ros.estimation.bank_energy import observe_energy
@@ -105,23 +105,25 @@ def advance_bank(
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
+        put_in_step(s, x, y[n], work.phi, work.y)
         if follows_gap(s, x, time[n]):
             x.apart[0] = reach_of(s, x)
         if x.apart[0] > 0:
             x.apart[0] -= 1
             pass_over(s, x, time[n], out, n)
             continue
-        any_alarm = sense_bank(s, x, work.phi, y[n], out.e[n], out.statistic[n], out.alarm[n], work.w)
-        observe_energy(s, x, work.phi, y[n])
+        any_alarm = sense_bank(s, x, work.phi, work.y, out.e[n], out.statistic[n], out.alarm[n], work.w)
+        observe_energy(s, x, work.phi, work.y)
         observe_place(s, x, work.phi, time[n])
         if any_alarm:
             split_bank(s, x, out.alarm[n])
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
-                update_members(s, x, g, y[n], work)
-        update_rows(s, x, y[n], work)
+                update_members(s, x, g, work.y, work)
+        observe_delay(s, x, y[n], work)
+        update_rows(s, x, work.y, work)
         keep_reference(s, x)
-        keep_sample(x, work.phi, y[n])
+        keep_sample(x, work.phi, work.y)
         x.samples[0] += 1
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
@@ -134,7 +136,7 @@ def advance_bank(
         report_effectors(s, x, out.b[n], out.b_variance[n], out.excitation[n])
         if s.followed_row >= 0:
             out.followed[n] = followed_of(s, x)
-        out.restart[n] = judge_soundness(x, work.phi, y[n], out.e[n])
+        out.restart[n] = judge_soundness(x, work.phi, work.y, out.e[n])
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
@@ -161,7 +163,7 @@ def follows_gap(s: BankSettings, x: BankState, time: float) -> bool:
 @compiled
 def reach_of(s: BankSettings, x: BankState) -> int:
     """Return for how many samples after a gap it is not known what acts: those of the delay, and of a lag."""
-    late = x.delay[0] + float(s.responses[x.response[0], 1] * s.late)
+    late = max(x.delay[0, 0], x.delay[1, 0]) + float(s.responses[x.response[0], 1] * s.late)
     lag = LAGS * s.lag_times[s.responses[x.response[0], 0]] / s.period
     return int(math.ceil(late) + math.ceil(lag))
 
@@ -182,14 +184,19 @@ def pass_over(s: BankSettings, x: BankState, time: float, out: Output, n: int) -
 
 
 @compiled
-def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None:
-    """Judge and mix the members that have taken the sample y (r,), row by row."""
-    settled = 2 * work.phi.shape[0]
+def observe_delay(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None:
+    """Learn of delays and of noise in deflections from the outputs y (r,) as they came."""
     for q in range(y.shape[0]):
         observe_output(s, x, q, y[q])
     if x.samples[0] % KEEP == 0:
         find_delay(s, x, work.factor, work.w, work.squares, work.difference)
         find_noise(s, x)
+
+
+@compiled
+def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None:
+    """Judge and mix the members that have taken the sample y (r,), row by row."""
+    settled = 2 * work.phi.shape[0]
     for q in range(y.shape[0]):
         if x.waiting[x.group[q]] > 0:
             continue

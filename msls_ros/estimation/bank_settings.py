@@ -89,6 +89,8 @@ With .045 s alone, a servo of 15 rad/s behind 30 ms: P by da .63 +- .07 of the t
 """
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
+DELAY_OF_SENSORS = 0.005
+"""Standard deviation between the delays of accelerometers and of gyros, whose filters differ by as much [s]."""
 BATCHES = ((1.0, 1.0), (4.0, 1.2), (16.0, 2.8))
 """Lengths of batches of data [s], and (t/1.96)^2 of Student's t for as many as the longest memory, 30 s, holds."""
 PLACE = 0.5
@@ -185,6 +187,7 @@ def make_bank_settings(
         held=(kind > FREE).astype(np.int64),
         axis=axis,
         row_axis=row_axis,
+        kind=np.array([int(len(differenced) > 0 and row not in differenced) for row in range(len(scale))], np.int64),
         counts=np.ones(len(scale), np.int64) if counts is None else np.array(counts, np.int64),
         mixes=mixes.astype(np.float64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),
@@ -242,6 +245,7 @@ def make_bank_settings(
         latest=max(1, round(LATEST / period)),
         late_noise=_unlike(straddle, late),
         late_part=DELAY_OF_RECORDS / (late * period),
+        late_apart=DELAY_OF_SENSORS / (late * period),
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),

@@ -30,6 +30,8 @@ class BankSettings(NamedTuple):
     """(m,) of which axis' outputs, where it does."""
     row_axis: Integers
     """(r,) axis of each row: 0 longitudinal, 1 lateral."""
+    kind: Integers
+    """(r,) of each row's sensors: 0 of moments, 1 of forces, see `bank_delay`."""
     counts: Integers
     """(r,) 1 where the energy of a row's output says that its axis is excited."""
     mixes: Array
@@ -127,6 +129,8 @@ class BankSettings(NamedTuple):
     """1 - r of the autocorrelation r of white noise that has passed the window, ``late`` samples on [1]."""
     late_part: float
     """Part of an effect that may come that late before anything is known of it, standard deviation [1]."""
+    late_apart: float
+    """By how much the delays of forces and of moments differ, over l, standard deviation [1]."""
     gains: Array
     """(k, m) position of each surface by each effector, as shares its effect by theirs; see `surfaces`."""
     shares: Array
@@ -295,7 +299,8 @@ class BankState(NamedTuple):
     recent: Array
     """(k, c) the last deflections, a ring, see `bank_delay`."""
     delay: Array
-    """(4,) of responses after deflections [samples], its variance [l^2], two sums that it comes from."""
+    """(2, 5) by kind of rows, of responses after deflections: as it is used [samples], its variance [l^2], two sums
+    that it comes from, and what it is before it is shrunk [l]."""
     output_mean: Array
     """(r,) mean of the outputs over the last moment, see `bank_delay`."""
     answer: Array
@@ -419,6 +424,8 @@ class BankWork(NamedTuple):
 
     phi: Array
     """(p,) regressor, constant first."""
+    y: Array
+    """(r,) outputs, put in step."""
     noise: Array
     """(r,) variance of the noise in the states, as regressors."""
     w: Array
@@ -551,8 +558,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         response_row=np.zeros((rows, 4)),
         response_fit=np.zeros((len(s.responses), rows, 2)),
         response=np.zeros(1, np.int64),
-        recent=np.zeros((s.latest + s.late + 2, effectors)),
-        delay=np.zeros(4),
+        recent=np.zeros((s.latest + s.late + 3, effectors)),
+        delay=np.zeros((2, 5)),
         output_mean=np.zeros(rows),
         early=np.zeros((rows, p)),
         answer=np.zeros((rows, effectors)),
@@ -621,7 +628,8 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     k = len(s.gains)
     change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
     return BankWork(
-        *(np.zeros(p), np.zeros(rows), np.zeros(p), np.zeros(p), row, z, K, np.zeros((p, p, m)), c, t, left),
+        *(np.zeros(p), np.zeros(rows), np.zeros(rows), np.zeros(p), np.zeros(p)),
+        *(row, z, K, np.zeros((p, p, m)), c, t, left),
         *(root, first, weight, root_weight, loss, e),
         np.zeros(rows, np.int64),
         *(change, variance, deviation, explained, np.zeros(p)),

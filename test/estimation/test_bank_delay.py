@@ -43,7 +43,7 @@ def fly(
     estimates = identifier.run(t, states, rates, deflections).estimates
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
-    return float(engine.state.delay[0]) / (said * rate), estimates
+    return float(engine.state.delay[0, 0]) / (said * rate), estimates
 
 
 @pytest.mark.parametrize("rate", [25, 50, 100])

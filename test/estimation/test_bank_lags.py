@@ -95,10 +95,10 @@ def test_the_sensitivity_is_what_a_little_more_delay_does_to_all_members() -> No
         engine.advance(np.concatenate([x, seen, np.ones((n, 1))], axis=1), xdot.copy())
         found.append(engine)
     first, second = (engine.state for engine in found)
-    assert first.delay[0] == second.delay[0] == 0.0
+    assert first.delay[0, 0] == second.delay[0, 0] == 0.0
     apart = float(np.abs(second.members - first.members)[:, 1:].max())
     assert apart > 0.05
-    shift_estimates(found[0].settings, first, more)
+    shift_estimates(found[0].settings, first, 0, more)
     assert float(np.abs(second.members - first.members)[:, 1:].max()) < 0.15 * apart
 
 
