@@ -14,21 +14,24 @@ the sums over seconds of `bank_lags`, per row::
 s^2 is the mean square of what is left of y, c corrects for autocorrelation, z~ is z with the regressors g partialled
 out. Interpolation averages the noise in deflections, most so at l/2, to which d is drawn where noise is what moves:
 ``(1 - 2d (1-d)(1-r)) sigma_j^2`` is left of its variance (`bank_effector_noise`), and what d changes of that is
-no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives. Rates and velocities have
-sensors of their own, whose filters differ, and rates may be differentiated, velocities not: the rows of angular rates
-(moments) are one kind, all others (forces) the other. What the rows of a kind have in common is found by weighted least
-squares over half a minute, ``d_kind = sum w d_q / sum w`` of variance ``v_kind = 1 / sum w``, and drawn to what both
-kinds have in common (random effects), with what is plausible before anything is known: ``part``, of all of them, and
-``apart``, between the kinds (`BankSettings.late_part`, ``late_apart``)::
+no evidence; r is the autocorrelation of noise, l samples on, in the window of derivatives.
+
+Rates and velocities have sensors of their own, whose filters differ, and rates may be differentiated, velocities not:
+the rows of angular rates (moments) are one kind, all others (forces) the other. What the rows of a kind have in common
+is found by weighted least squares over half a minute, ``d_kind = sum w d_q / sum w`` of variance
+``v_kind = 1 / sum w``, and drawn to what both kinds have in common (random effects), with what is plausible before
+anything is known: ``part``, of both, and ``apart``, between them (`BankSettings.late_part`, ``late_apart``)::
 
     w = 1 / (v_q + (KNOWN N/E)^2/SLOW + DIFFER^2),      share = apart^2 / (apart^2 + v_kind)
     common = sum d_kind/(v_kind + apart^2) / (sum 1/(v_kind + apart^2) + 1/part^2),   V_common = 1/(same sum)
-    delay = l (common + share (d_kind - common)),      V/l^2 = apart^2 (1-share) + (1-share)^2 V_common + B^2
+    delay = l (common + share (d_kind - common)),      V/l^2 = apart^2 (1-share) + (1-share)^2 V_common
 
-with the most that rows differ by interpolation, none at no delay or l, ``B = 4 d (1-d) DIFFER``, for it is not averaged
-away; and what is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used
-(James and Stein). The regressors are the deflections of as long ago as moments are late; of what forces do, what the
-difference to their own delay makes is taken off the outputs (`put_in_step`). What has been learnt before is corrected
+What is not beyond a standard error is none: of the estimate D with variance V, ``max(D - V/D, 0)`` is used (James and
+Stein). To its variance comes the square of ``4 d (1-d) DIFFER``, by which rows differ: interpolation makes that, none
+at no delay and at l, and no averaging takes it away.
+
+The regressors are the deflections of as long ago as moments are late; of what forces do, what the difference to their
+own delay makes is taken off the outputs (`put_in_step`). What has been learnt before is corrected
 (`bank_lags.shift_estimates`). Of a delay of far more than l (20 ms) the rest is not found; responses before deflections
 are not looked for. Derivatives that are made from the states by a window are looked at like all others: one window for
 values and slopes delays neither against the other.
@@ -315,8 +318,7 @@ def weigh_kinds(s: BankSettings, x: BankState) -> None:
             part += own * (x.delay[kind, 2] / x.delay[kind, 3] - common)
         variance = apart * (1.0 - own) + (1.0 - own) * (1.0 - own) / weight
         bent = 4.0 * part * (1.0 - part) * DIFFER
-        variance += bent * bent
-        x.delay[kind, 1] = variance
+        x.delay[kind, 1] = variance + bent * bent
         x.delay[kind, 4] = part
         part = part - variance / part if part > 0.0 else 0.0
         before = x.delay[kind, 0]

@@ -23,7 +23,8 @@ which fits better whatever is late; so a lag must also be better than the same f
 decisive (`DECISIVE`); all that has been learnt belongs to other regressors then, and every equation begins anew, as
 after an alarm. What is left of the delay, a fraction of l, is found by `bank_delay`, with deflections that have passed
 the response. Effects are those of the deflections that act. Until it is decided, what speaks for another response is
-in the bars (``response_doubt``), and afterwards `UNSHAPED`.
+in the bars (``response_doubt``), and afterwards `UNSHAPED` or `LAGLESS`: a lag that is found is not the whole
+shape, and a long delay without one is half of it, which gusts hide.
 
 References
 ----------
@@ -33,6 +34,7 @@ System Identification*, 2006, section 10.2 (actuators, time delays).
 
 from __future__ import annotations
 
+from msls_ros.estimation.bank_delay import MOMENTS
 from msls_ros.estimation.bank_lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
@@ -54,11 +56,21 @@ explained to .1 to .2 by its effectors, to .3 to .45 through a lag; small aircra
 FORGOTTEN = 0.1
 """Memory of the sums over that of the evidence: responses do not change in flight [1]."""
 UNSHAPED = 0.25
-"""Relative error of estimates by what is not known of an actuator, once one is taken into account [1].
+"""Relative error of estimates by what is not known of an actuator, once a lag is taken into account [1].
 
 Servos of 20 and 15 rad/s behind 20 and 30 ms (`benchmark calibration --servos`, seeds 2 and 3): what is called reliable
-of the main effects is .55 to .7 of the truth at worst, by lags of 35 and 60 ms, and in gusts by a delay alone.
+of the main effects is .55 to .7 of the truth at worst, by lags of 35 and 60 ms.
 """
+LAGLESS = 0.33
+"""The same where all that is found of it is a delay: in gusts, closed loop, it stands in for a lag as well [1].
+
+There P by the aileron is .45 to .65 of the truth (seeds 4 and 5); with .25 B was covered in .69 to .88 behind servos,
+with .33 in .91 to .94, with .4 in .94 to .97.
+"""
+RECORDS = 0.025
+"""Delays of more than that are not those of records alone, see `bank_settings.DELAY_OF_RECORDS` [s]."""
+ACTUATORS = 0.04
+"""From that on it is an actuator's in any case: that is where another response is taken [s]."""
 LOOK = 64
 """Responses are compared after every so many blocks of l samples, of whose means all sums are."""
 PASSES = 2
@@ -200,9 +212,18 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         for a in range(others):
             x.response_evidence[a] -= lead
     x.response_doubt[0] = 0.0 if taken else lead / DECISIVE
-    if x.response[0] > 0:
-        x.response_doubt[0] = max(x.response_doubt[0], UNSHAPED)
+    x.response_doubt[0] = max(x.response_doubt[0], shape_doubt(s, x))
     return taken
+
+
+@compiled
+def shape_doubt(s: BankSettings, x: BankState) -> float:
+    """Return the relative error of estimates by what is not known of an actuator, where a delay or a lag shows one."""
+    response = s.responses[x.response[0]]
+    if response[0] > 0:
+        return UNSHAPED
+    late = (x.delay[MOMENTS, 0] + response[1] * s.late) * s.period
+    return LAGLESS * min(max((late - RECORDS) / (ACTUATORS - RECORDS), 0.0), 1.0)
 
 
 @compiled

@@ -88,6 +88,33 @@ def test_samples_that_come_slower_than_was_said_are_not_all_gaps() -> None:
     np.testing.assert_allclose(estimates[-1].b, EFFECTS, atol=0.15 * 8.0)
 
 
+LIFT_AND_PITCH = np.array([[-20.0, 6.0], [-8.0, 3.0]])
+"""Of w and Q, by elevator and flap."""
+
+
+@pytest.mark.parametrize(("forces", "moments"), [(0.0, 0.014), (0.004, 0.014), (0.012, 0.012), (0.014, 0.006)])
+def test_forces_and_moments_may_be_late_by_unlike_times(forces: float, moments: float) -> None:
+    """Accelerometers and gyros have filters of their own; both rows are right for all that, and say so."""
+    n = 5000
+    every = round(0.02 / STEP)
+    held = np.repeat(0.1 * uniform(n // every, 2, 86), every, axis=0)
+    delta, x, xdot = np.zeros((n, 2)), np.zeros((n, 2)), np.zeros((n, 2))
+    back = round(forces / STEP), round(moments / STEP)
+    for k in range(n):
+        acting = np.array([LIFT_AND_PITCH[q] @ delta[max(k - back[q], 0)] for q in range(2)])
+        xdot[k] = acting - np.array([0.5, 2.0]) * x[k]
+        if k + 1 < n:
+            delta[k + 1] = delta[k] + STEP * ACTUATOR * (held[k] - delta[k])
+            x[k + 1] = x[k] + STEP * xdot[k]
+    small = {**SMALL, "states": ("w", "Q"), "effectors": ("de", "df"), "sample_rate": 50.0}
+    read = xdot[::every] + 0.02 * uniform(n // every, 2, 87)
+    time = STEP * np.arange(n, dtype=np.float64)[::every]
+    estimate = Identifier(from_mapping(small)).run(time, x[::every], read, delta[::every]).estimates[-1]
+    assert abs(estimate.delay - moments) <= 1.96 * estimate.delay_std + 0.001
+    np.testing.assert_allclose(estimate.b, LIFT_AND_PITCH, rtol=0.04)
+    assert (np.abs(estimate.b - LIFT_AND_PITCH) <= 1.96 * estimate.b_std).all()
+
+
 def fly_by_hand(delay: float, window: int) -> Estimate:
     """Return the last estimate: slow inputs, measured with noise; both through a window of derivatives."""
     n, back = 6000, round(100 * delay)
