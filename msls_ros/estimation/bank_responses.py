@@ -223,7 +223,7 @@ def shape_doubt(s: BankSettings, x: BankState) -> float:
     if response[0] > 0:
         return UNSHAPED
     late = (x.delay[MOMENTS, 0] + response[1] * s.late) * s.period
-    return LAGLESS * min(max((late - RECORDS) / (ACTUATORS - RECORDS), 0.0), 1.0)
+    return float(LAGLESS * min(max((late - RECORDS) / (ACTUATORS - RECORDS), 0.0), 1.0))
 
 
 @compiled
