@@ -289,9 +289,14 @@ def _window_noise(straddle: int) -> tuple[float, float]:
 
 def _unlike(straddle: int, lag: int) -> float:
     """Return 1 - r, r the autocorrelation of white noise that has passed such a window, ``lag`` samples on."""
-    window, _ = _window(straddle)
-    kept = max(len(window) - lag, 0)
-    return 1.0 - float(np.sum(window[:kept] * window[len(window) - kept :])) / float(np.sum(window * window))
+    r = _filtered(_window(straddle)[0])
+    return 1.0 - float(r[lag]) if lag < len(r) else 1.0
+
+
+def _filtered(weights: Array) -> Array:
+    """Return the autocorrelation of white noise that has passed a filter, from lag 0 on: (n,), (n,)."""
+    r: Array = np.correlate(weights, weights, "full")[len(weights) - 1 :] / float(np.sum(weights * weights))
+    return r
 
 
 def _quantiles(rows: int, straddle: int, differenced: Sequence[int]) -> Array:
@@ -319,7 +324,7 @@ def independent_squares(length: int, weights: Array) -> float:
     weights
         (n,) of the filter.
     """
-    r = np.correlate(weights, weights, "full")[len(weights) - 1 :] / float(np.sum(weights * weights))
+    r = _filtered(weights)
     total = float(length)
     for k in range(1, min(len(r), length)):
         total += 2.0 * float(r[k]) ** 2 * (length - k)
