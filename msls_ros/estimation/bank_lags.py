@@ -156,6 +156,27 @@ def find_late_square(s: BankSettings, x: BankState, q: int, products: Array) -> 
             shown += x.unlike[1, q, j] * mean * mean
         x.late_square[0, q, i] = REALISED * (x.delay[s.kind[q], 1] * common * common + hidden + shown)
         x.late_square[1, q, i] = shown
+    if s.straddle > 0:
+        for j in range(x.sensitivity.shape[1]):
+            i = s.effectors_from + 1 + j
+            bent = interpolated(s, x, q, j) * x.mixed[q, i]
+            x.late_square[0, q, i] += bent * bent
+
+
+@compiled
+def interpolated(s: BankSettings, x: BankState, q: int, j: int) -> float:
+    """Return by which share effector j is made smaller where it is interpolated, and its effect on row q larger.
+
+    Of a motion of frequency w, of which a part p of a sample T is taken off, a straight line leaves
+    ``1 - p (1-p) (w T)^2 / 2``; the mean of (w T)^2 is the mean square of the steps over that of what moves. Through a
+    window what acted between the samples is in the derivatives, and is not known.
+    """
+    i = s.effectors_from + 1 + j
+    moves = x.moment[i, i]
+    if moves <= 0.0:
+        return 0.0
+    part = x.delay[s.kind[q], 0] - math.floor(x.delay[s.kind[q], 0])
+    return float(0.5 * part * (1.0 - part) * x.steps[j, j] / (moves * s.late * s.late))
 
 
 @compiled

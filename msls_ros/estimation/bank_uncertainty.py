@@ -268,8 +268,16 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
             shares = stays * stays + elsewhere_square(s, x.mixed[q, i], i, away, apart)
             if ANSWERED * (squares[i] - bias[i] - x.widened[q, i] * shares) < x.widened[q, i] * square:
                 x.answered[j] = 1
+                forget_best(x, i)
         if ANSWERED * squares[i] < square:
             x.effect[q, j] = abs(x.mixed[q, i])
+
+
+@compiled
+def forget_best(x: BankState, i: int) -> None:
+    """Forget what was known best of coefficient i (constant first) in all rows: while it rested that was noise."""
+    for q in range(x.best_square.shape[0]):
+        x.best_square[q, i] = math.inf
 
 
 @compiled
@@ -439,7 +447,7 @@ def keep_best(
             moved = (squares[i] - bias[i]) / x.widened[q, i]
             if s.effectors_from < i <= s.effectors_to:
                 moved *= min(x.widened[q, i], HIDDEN)
-        x.square_moved[q, i] = min(moved, carried)
+        x.square_moved[q, i] = min(moved, carried) * doubt(s, x, i)
         if squares[i] == math.inf:
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
