@@ -285,7 +285,7 @@ def measure(
     parts
         Some of ``f16`` and ``flight_test``.
     others
-        Thirteen other aircraft in flight test, instead of four.
+        Nineteen other aircraft in flight test, instead of four.
     """
     result: Row = {"seeds": list(seeds)}
     for part in parts:

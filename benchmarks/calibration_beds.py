@@ -47,9 +47,16 @@ OTHERS = {
     "c182": (2.0, 60.05),
     "Concorde": (20.0, 268.97),
     "B747": (20.0, 211.43),
+    "T38": (5.0, 178.47),
+    "MD11": (25.0, 205.46),
+    "A320": (15.0, 192.67),
+    "787-8": (25.0, 192.58),
+    "Boeing314": (12.0, 73.06),
+    "c172p": (2.2, 54.53),
 }
 """Aircraft that no constant is chosen on, but that .04 for the detector's floor was looked at on the first eight; the
-last five were flown when all was done. Vane ahead of the centre of mass [m], true airspeed [m/s]."""
+next five were flown when all was done, the last six long after that. Vane ahead of the centre of mass [m], true
+airspeed [m/s]."""
 OTHER_FILES = Path(__file__).parent / "aircraft"
 RATES = (25, 50, 100)
 VARIANTS = ("smooth", "dither", "gusts", "loss")

@@ -70,7 +70,7 @@ def parser() -> argparse.ArgumentParser:
     which = calibration.add_mutually_exclusive_group()
     for kind, text in (
         ("quick", "a few beds, a minute"),
-        ("others", "thirteen other aircraft, instead"),
+        ("others", "nineteen other aircraft, instead"),
         ("servos", "small aircraft by the commands to their servos, instead"),
         ("whole", "their flights from rest to rest, with spikes and without, instead"),
     ):
@@ -79,7 +79,7 @@ def parser() -> argparse.ArgumentParser:
     accuracy = commands.add_parser("accuracy", help="errors beside MSLS and RLS, batch and the truth, on all beds")
     which = accuracy.add_mutually_exclusive_group()
     which.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: both)")
-    which.add_argument("--others", action="store_true", help="thirteen other aircraft in flight test, instead")
+    which.add_argument("--others", action="store_true", help="nineteen other aircraft in flight test, instead")
     for command in (calibration, accuracy):
         command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
         command.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
