@@ -46,6 +46,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry
 from msls_ros.estimation.bank_energy import observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
@@ -186,7 +187,7 @@ def unknown_square(s: BankSettings, x: BankState, q: int, phi: Array) -> float:
     for i in range(1, phi.shape[0]):
         deviation = phi[i] - x.phi_mean[i]
         if deviation * deviation > max(FURTHER * x.phi_remembered[i], noise_limit(s, x, i)):
-            total += deviation * deviation * x.square_moved[q, i]
+            total += deviation * deviation * x.square_moved[q, i] * doubt(s, x, i)
     return total
 
 

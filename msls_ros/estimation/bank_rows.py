@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import update_members
+from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
 from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
@@ -352,7 +353,7 @@ def keep_before(s: BankSettings, x: BankState, q: int) -> None:
     p = x.mixed.shape[1]
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
-        square = x.square_moved[q, i]
+        square = x.square_moved[q, i] * doubt(s, x, i)
         x.square_before[q, i] = square_of_change(x, q, i, square) + square_of_move(s, x, q, i)
 
 

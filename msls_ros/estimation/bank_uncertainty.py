@@ -447,7 +447,7 @@ def keep_best(
             moved = (squares[i] - bias[i]) / x.widened[q, i]
             if s.effectors_from < i <= s.effectors_to:
                 moved *= min(x.widened[q, i], HIDDEN)
-        x.square_moved[q, i] = min(moved, carried) * doubt(s, x, i)
+        x.square_moved[q, i] = min(moved, carried)
         if squares[i] == math.inf:
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
