@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "29774157c5e8e4870f8e59d451139899"
+PINNED = "e2fb9936dd47b4b6cbb139d4527c0e42"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """
