@@ -237,3 +237,29 @@ def test_noise_in_a_rate_counts_for_what_is_known_as_far_as_the_output_holds_it(
     assert entering(0.0) < 0.1
     assert entering(1.0) == 1.0
     assert 0.45 < entering(0.5) < 0.8, "half, and two standard errors"
+
+
+def test_what_was_known_of_an_effector_at_rest_is_forgotten_when_an_output_first_answers_it() -> None:
+    """It was noise of its sensor; an estimate that has not moved since would take it for known."""
+    n = 2600
+    t = 0.01 * np.arange(n, dtype=np.float64)
+    ramps = [(0.05, 5.0, 1), (-0.1, 7.0, 1), (0.05, 9.0, 1), (0.05, 25.0, 0)]
+    delta, x, xdot = np.zeros((n, 2)), np.zeros((n, 3)), np.zeros((n, 3))
+    for size, start, effector in ramps:
+        delta[:, effector] += size * np.clip((t - start) / 0.25, 0.0, 1.0)
+    for k in range(n):
+        xdot[k] = np.array([[28.0, 0.0], [0.0, -8.0], [1.0, 0.0]]) @ delta[k] - np.array([3.0, 1.5, 0.6]) * x[k]
+        if k + 1 < n:
+            x[k + 1] = x[k] + 0.01 * xdot[k]
+    noisy = x + 0.001 * uniform(n, 3, 200), xdot + 0.006 * uniform(n, 3, 201), delta + 3.5e-4 * uniform(n, 2, 202)
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}))
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    state, column = engine.state, engine.settings.effectors_from + 1
+    identifier.run(t[:2500], *(part[:2500] for part in noisy))
+    assert state.answered.tolist() == [0, 1]
+    assert (state.best_time[:, column] < 25.0).all()
+    identifier.run(t[2500:], *(part[2500:] for part in noisy))
+    assert state.answered.tolist() == [1, 1]
+    remembered = np.isfinite(state.best_square[:, column])
+    assert (state.best_time[remembered, column] >= 25.0).all()
