@@ -251,16 +251,20 @@ def test_what_was_known_of_an_effector_at_rest_is_forgotten_when_an_output_first
         xdot[k] = np.array([[28.0, 0.0], [0.0, -8.0], [1.0, 0.0]]) @ delta[k] - np.array([3.0, 1.5, 0.6]) * x[k]
         if k + 1 < n:
             x[k + 1] = x[k] + 0.01 * xdot[k]
-    noisy = x + 0.001 * uniform(n, 3, 200), xdot + 0.006 * uniform(n, 3, 201), delta + 3.5e-4 * uniform(n, 2, 202)
+    states, rates, deflections = (
+        part + size * uniform(n, part.shape[1], seed)
+        for part, size, seed in ((x, 0.001, 200), (xdot, 0.006, 201), (delta, 3.5e-4, 202))
+    )
     identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}))
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
     state, column = engine.state, engine.settings.effectors_from + 1
-    identifier.run(t[:2500], *(part[:2500] for part in noisy))
+    identifier.run(t[:2500], states[:2500], rates[:2500], deflections[:2500])
     assert state.answered.tolist() == [0, 1]
     assert np.isfinite(state.best_square[:, column]).any()
     for k in range(2500, n):
-        identifier.run(t[k : k + 1], *(part[k : k + 1] for part in noisy))
+        one = slice(k, k + 1)
+        identifier.run(t[one], states[one], rates[one], deflections[one])
         if state.answered[0]:
             break
     assert state.answered.tolist() == [1, 1]
