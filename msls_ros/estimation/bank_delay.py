@@ -235,7 +235,7 @@ def find_delay(s: BankSettings, x: BankState, factor: Array, w: Array, z: Array,
     for q in range(x.gate.shape[0]):
         moving += x.gate[q] / x.gate.shape[0]
     gain = min(KEEP * (1.0 - s.colour_forgetting), 1.0) * moving
-    for kind in range(x.delay.shape[0] - 1, -1, -1):
+    for kind in range(x.delay.shape[0] - 1, -1, -1):  # moments last: what is unexplained at their delay stays
         factor_moments(s, x, x.delay[kind, 4], factor)
         find_unexplained(s, x, x.delay[kind, 4], factor, w, information)
         x.delay[kind, 2] -= gain * SLOW * x.delay[kind, 2]

@@ -295,8 +295,8 @@ def _unlike(straddle: int, lag: int) -> float:
 
 def _filtered(weights: Array) -> Array:
     """Return the autocorrelation of white noise that has passed a filter, from lag 0 on: (n,), (n,)."""
-    r: Array = np.correlate(weights, weights, "full")[len(weights) - 1 :] / float(np.sum(weights * weights))
-    return r
+    n = len(weights)
+    return np.array([np.sum(weights[: n - k] * weights[k:]) for k in range(n)]) / np.sum(weights * weights)
 
 
 def _quantiles(rows: int, straddle: int, differenced: Sequence[int]) -> Array:
