@@ -147,7 +147,8 @@ def make_bank_settings(
     straddle
         Samples over which the inputs were smoothed or differentiated.
     differenced
-        Rows whose outputs are differences of their states then; all others are smoothed.
+        Rows of angular rates: their outputs are differences of their states then, all others are smoothed; and they
+        have a delay of their own (`bank_delay`). None: all rows have one.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
     exponents
