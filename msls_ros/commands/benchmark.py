@@ -80,13 +80,16 @@ def parser() -> argparse.ArgumentParser:
     which = accuracy.add_mutually_exclusive_group()
     which.add_argument("--part", nargs="+", choices=PARTS, default=list(PARTS), help="(default: both)")
     which.add_argument("--others", action="store_true", help="nineteen other aircraft in flight test, instead")
+    linear = commands.add_parser("linear", help="error bars, alarms and names on made-up linear aircraft")
+    linear.add_argument("--flights", type=count, default=60, help="how many, each another aircraft (default: 60)")
+    linear.add_argument("--first-seed", type=seed, default=1000, help="(default: 1000)")
     for command in (calibration, accuracy):
         command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
         command.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
         command.add_argument(
             "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
         )
-    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy):
+    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy, linear):
         command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
 
@@ -102,7 +105,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     sys.path.insert(0, str(ROOT))
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
     measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
-    measures["accuracy"] = _accuracy
+    measures |= {"accuracy": _accuracy, "linear": _linear}
     result = measures[arguments.command](arguments)
     if result is None:
         return 1
@@ -174,6 +177,18 @@ def _accuracy(arguments: argparse.Namespace) -> Any:
     if not arguments.json:
         print(module.render(result))
     return result
+
+
+def _linear(arguments: argparse.Namespace) -> Any:
+    module = importlib.import_module("benchmarks.linear_beds")
+    rows = []
+    for row in module.run(arguments.flights, arguments.first_seed, os.cpu_count() or 1):
+        rows.append(row)
+        if len(rows) % 10 == 0:
+            _say(f"{len(rows)} of {arguments.flights} flights")
+    if not arguments.json:
+        print(module.render(rows))
+    return rows
 
 
 def _control(arguments: argparse.Namespace) -> Any:

@@ -105,7 +105,10 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         x.quick_mean[first + j] = now
         x.phi_last[first + j] = now
         x.unexplained[j] = 0.0
-        x.third_power[j] = 0.0
+        x.third_floor[j] = 0.0
+        x.unanswered[j] = 0.0
+        x.second_past[0, j] = now
+        x.second_past[1, j] = now
         for k in range(x.quick_past.shape[0]):
             x.quick_past[k, j] = 0.0
         for k in range(x.recent.shape[0]):
@@ -117,7 +120,8 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         for q in range(x.answer.shape[0]):
             x.answer[q, j] = 0.0
             x.cross[q, j] = 0.0
-            x.third_cross[q, j] = 0.0
+            x.second_cross[q, j] = 0.0
+            x.second_power[q, j] = 0.0
 
 
 @compiled

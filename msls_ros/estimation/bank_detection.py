@@ -127,7 +127,7 @@ def sense_bank(
                 lateral = (1.0 + uncertainty_of(x.R[group], s.reference[1], phi, row)) * novelty
             expected = lateral
         if x.age[group] > 2 * phi.shape[0]:
-            observe_answer(s, x, q, phi, last, expected)
+            observe_answer(s, x, q, phi, y[q], expected)
             if s.straddle == 0:
                 observe_entry(s, x, q, last)
         if not s.detect:

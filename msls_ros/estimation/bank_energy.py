@@ -108,7 +108,11 @@ def observe_energy(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
         x.remembered[q] += max(start, s.energy[2]) * gate * (now - x.remembered[q])
         if now > x.remembered[q]:
             x.remembered[q] += s.energy[3] * (now - x.remembered[q])
-        x.gate[q] = gate
+        foreseen = output - y[q] - x.mean[q]
+        for i in range(phi.shape[0]):
+            foreseen += x.mixed[q, i] * phi[i]
+        x.foreseen[q] += max(start, s.energy[1]) * (foreseen * foreseen - x.foreseen[q])
+        x.gate[q] = max(gate, min(x.foreseen[q] / x.remembered[q], 1.0)) if x.remembered[q] > 0.0 else 1.0
     for g in range(x.age.shape[0]):
         for a in range(x.axis_gate.shape[1]):
             total = 0.0

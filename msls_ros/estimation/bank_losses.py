@@ -40,6 +40,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_effector_noise import resting_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
 from msls_ros.estimation.compiled import compiled
@@ -76,6 +77,8 @@ KNOWN_WELL = 0.2
 
 Seeds 811 and 812, 324 runs: 12 false alarms, late ones among them, and a wrong name; with .5 30 and 10.
 """
+MOTION = 0.5
+"""Least share of the information about an effect that is motion, of what a row may say of its loss [1]."""
 OUTLIER = 9.0
 """Squared innovations count no more than so many times their mean: a jump is what is looked for, and no noise."""
 
@@ -261,7 +264,7 @@ def compare_surfaces(
         excess += changed / n - 0.5 * (p - 1)
         explain_by_states(s, n, work)
         for k in range(s.gains.shape[0]):
-            compare_row(s, n, before, square, q, k, known, work)
+            compare_row(s, x, a, n, before, square, q, k, known, work)
     for k in range(s.gains.shape[0]):
         combine_rows(work, k, 1.0)
         combine_rows(work, k, max(1.0 + work.change[k], 0.0))
@@ -319,19 +322,39 @@ def most_by_surface(work: BankWork) -> float:
 
 @compiled
 def compare_row(
-    s: BankSettings, n: float, before: Array, square: Array, q: int, k: int, known: float, work: BankWork
+    s: BankSettings,
+    x: BankState,
+    a: int,
+    n: float,
+    before: Array,
+    square: Array,
+    q: int,
+    k: int,
+    known: float,
+    work: BankWork,
 ) -> None:
-    """Find what row q says of surface k: information, what speaks for or against a loss, error of the reference."""
+    """Find what row q says of surface k: information, what speaks for or against a loss, error of the reference.
+
+    Of the information that which is noise of the deflections is none, and what that makes of the effect is no loss.
+    """
     effect = effect_of(s, before[q], k)
     error = square_of_effect(s, square[q], k)
     if not error < known * known * effect * effect:
         return
+    first = s.effectors_from + 1
+    count = x.taken[x.group[q], s.loss_members[a]]
     size = work.steps[k, 0]
-    if size <= 0.0:
-        return
     along = 0.0
     for i in range(1, before.shape[1]):
         along += work.steps[k, i] * work.w[i]
+    noise = 0.0
+    for j in range(s.gains.shape[1]):
+        weighed = s.gains[k, j] * count * resting_noise(x, j)
+        noise += weighed * s.gains[k, j]
+        along += weighed * before[q, first + j]
+    if size <= noise / (1.0 - MOTION):
+        return
+    size -= noise
     work.against[q, k] = effect * along / n
     work.information[q, k] = effect * effect * size / n
     work.reference[q, k] = error / (effect * effect)

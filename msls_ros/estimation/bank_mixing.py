@@ -104,7 +104,7 @@ def judge(s: BankSettings, x: BankState, q: int, y: float, work: BankWork) -> No
         work.c[m] = x.weight[q, m] * e[m]
     error = sum_members(work.c)
     x.output_error[q] += max(1.0 / (x.samples[0] + 1.0), s.energy[1]) * (error * error - x.output_error[q])
-    clear = max(1.0 - x.output_error[q] / (NOISY * x.now[q] + TINY), 0.0)
+    clear = max(1.0 - x.output_error[q] / (NOISY * max(x.now[q], x.foreseen[q]) + TINY), 0.0)
     weight = max(gate * (clear + (1.0 - clear) * gate), s.quiet)
     fade = 1.0 - (1.0 - s.judging) * weight
     for i in range(work.phi.shape[0]):

@@ -13,7 +13,7 @@ from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
 from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
-from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states
+from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_seconds, observe_states
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs
@@ -31,7 +31,14 @@ from msls_ros.estimation.bank_responses import respond
 from msls_ros.estimation.bank_shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank_speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
-from msls_ros.estimation.bank_uncertainty import keep_best, observe_errors, residual_variance, square_of_change
+from msls_ros.estimation.bank_uncertainty import (
+    find_suspects,
+    keep_best,
+    observe_errors,
+    residual_variance,
+    square_of_change,
+    suspect_surface,
+)
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import (
@@ -105,6 +112,7 @@ def advance_bank(
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
+        observe_seconds(s, x, work.phi)
         put_in_step(s, x, y[n], work.phi, work.y)
         if follows_gap(s, x, time[n]):
             x.apart[0] = reach_of(s, x)
@@ -116,6 +124,7 @@ def advance_bank(
         observe_energy(s, x, work.phi, work.y)
         observe_place(s, x, work.phi, time[n])
         if any_alarm:
+            find_suspects(s, x, work.phi, out.e[n], out.alarm[n])
             split_bank(s, x, out.alarm[n])
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
@@ -128,6 +137,7 @@ def advance_bank(
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
             if lost >= 0:
+                suspect_surface(s, x, lost)
                 apply_loss(s, x, lost, work.change[lost], 1.0, work)
                 for q in range(x.group.shape[0]):
                     forget_predictors(x, q)

@@ -178,7 +178,7 @@ def make_bank_settings(
     late = max(1, round(LATE / period))
     quick = QUICK + straddle * period
     ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
-    third, slope_noise = _window_noise(straddle)
+    third, second, second_spread, slope_noise = _window_noise(straddle)
     parts = turning or {}
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
@@ -230,6 +230,8 @@ def make_bank_settings(
         turned=_by_regressor({place: factor for place, (_, factor) in parts.items()}, len(scale)),
         quick=min(period / quick, 1.0),
         third=third,
+        second=second,
+        second_spread=second_spread,
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         late=late,
@@ -275,17 +277,23 @@ def _window(straddle: int) -> tuple[Array, Array]:
     return np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]), np.diff(raw)
 
 
-def _window_noise(straddle: int) -> tuple[float, float]:
+def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     """Return what white noise becomes in such a window.
 
-    By what third differences of the values are as large as the noise in them, and the variance of that over the least
-    that the best prediction leaves of the slopes, the square of their first weight (Kolmogorov's formula) [sample^2].
+    By what third and second differences of the values are as large as the noise in them; the variance of a sum of
+    products of the latter and of slopes of other noise, over that of independent ones (Bartlett's formula); and the
+    variance of the values over the least that the best prediction leaves of the slopes, the square of their first
+    weight (Kolmogorov's formula) [sample^2].
     """
     window, slope = _window(straddle)
-    thirds = np.convolve(window, [1.0, -3.0, 3.0, -1.0])
+    thirds, seconds = (np.convolve(window, of) for of in ([1.0, -3.0, 3.0, -1.0], [1.0, -2.0, 1.0]))
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
-    return math.sqrt(square / float(np.sum(thirds * thirds))), over_slope
+    alike, of_slopes = _filtered(seconds), _filtered(slope)
+    shared = min(len(alike), len(of_slopes))
+    spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
+    third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))
+    return third, second, spread, over_slope
 
 
 def _unlike(straddle: int, lag: int) -> float:

@@ -105,6 +105,10 @@ class BankSettings(NamedTuple):
     """Gain per sample of the mean above which regressors are quick, see `bank_lags`."""
     third: float
     """Of third differences, to be of the size of the noise in what they are of, see `bank_effector_noise`."""
+    second: float
+    """The same of second differences."""
+    second_spread: float
+    """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
     entry: float
     """Share that a sample forgets of how outputs go with the noise in the states, see `bank_effector_noise`."""
     slope_noise: float
@@ -196,6 +200,8 @@ class BankState(NamedTuple):
     """(r,) slow mean of the outputs."""
     now: Array
     """(r,) present energy of the outputs about it."""
+    foreseen: Array
+    """(r,) the same of what the estimates make of them."""
     remembered: Array
     """(r,) energy that is remembered; it does not fade in the quiet."""
     phi_mean: Array
@@ -323,14 +329,26 @@ class BankState(NamedTuple):
     """(2, r, p) variance of the estimates by what is not known of delays, and by what shows of them alone."""
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
-    third: Array
-    """(c,) their third differences, of the size of their noise."""
     third_median: Array
-    """(c,) median square of these."""
-    third_power: Array
-    """(c,) weighted sum of their squares."""
-    third_cross: Array
-    """(r, c) weighted sums of them times what outputs do by each effector and beyond the model."""
+    """(c,) median square of their third differences, of the size of their noise."""
+    third_floor: Array
+    """(c,) variance of the noise when no output had answered for a while; 0: never."""
+    second_past: Array
+    """(2, c) the last deflections taken back."""
+    second: Array
+    """(c,) their second differences, of the size of their noise; 0 at edges."""
+    second_median: Array
+    """(c,) median square of these, edges and all."""
+    second_answer: Array
+    """(r, c) what outputs did last by each effector and beyond the model."""
+    second_cross: Array
+    """(r, c) weighted sums of that times second differences."""
+    second_power: Array
+    """(r, c) of their squares."""
+    suspected: Integers
+    """(c,) whether the effector's loss may have made the last alarm."""
+    unanswered: Array
+    """(c,) for how long no output has answered [s]."""
     states: Array
     """(3, r) the last states, a ring."""
     state_third: Array
@@ -508,6 +526,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         judged=np.zeros(rows),
         mean=np.zeros(rows),
         now=np.zeros(rows),
+        foreseen=np.zeros(rows),
         remembered=np.zeros(rows),
         phi_mean=np.zeros(p),
         phi_remembered=np.zeros(p),
@@ -571,10 +590,16 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unlike=np.zeros((2, rows, effectors)),
         late_square=np.zeros((2, rows, p)),
         deflections=np.zeros((3, effectors)),
-        third=np.zeros(effectors),
         third_median=np.zeros(effectors),
-        third_power=np.zeros(effectors),
-        third_cross=np.zeros((rows, effectors)),
+        third_floor=np.zeros(effectors),
+        second_past=np.zeros((2, effectors)),
+        second=np.zeros(effectors),
+        second_median=np.zeros(effectors),
+        second_answer=np.zeros((rows, effectors)),
+        second_cross=np.zeros((rows, effectors)),
+        second_power=np.zeros((rows, effectors)),
+        suspected=np.zeros(effectors, np.int64),
+        unanswered=np.zeros(effectors),
         states=np.zeros((3, rows)),
         state_third=np.zeros(rows),
         entry=np.zeros((rows, rows)),

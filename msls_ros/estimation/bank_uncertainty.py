@@ -63,7 +63,7 @@ from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import logarithm
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 
 REACH_STATES, REACH_EFFECTORS = 0.25, 0.42
 """Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1].
@@ -102,6 +102,10 @@ HIDDEN = 17.0
 Seeds 811 to 813: 47 of 54 faults of the F-16 seen, 4 false alarms in 144 flight tests; without a limit 43 and 3 (gusts
 hide faults), by the noise of the effector's own sensor alone 49 and 14.
 """
+LOST = 0.25
+"""Squared share of its effect that a suspect may have lost while nothing is known of it [1]: its half."""
+REFERENCE = 0.25
+"""Largest squared relative error of what was known of it before [1]."""
 ANSWERED = 25.0
 """Squared standard errors by which an output must answer an effector once, for what it does to be motion.
 
@@ -219,7 +223,7 @@ def direct_squares(
     age = x.age[x.group[q]]
     leader = leading_member(x, q)
     free = age - learnt_from_data(s, x, q, leader) - 2.0
-    if x.residual[q, 1] <= 0.0 or free <= 0.0:
+    if x.residual[q, 0] <= 0.0 or free <= 0.0:  # an output that has never done anything has said nothing
         for i in range(p):
             squares[i] = math.inf
         return False
@@ -271,6 +275,52 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
                 forget_best(x, i)
         if ANSWERED * squares[i] < square:
             x.effect[q, j] = abs(x.mixed[q, i])
+
+
+@compiled
+def find_suspects(s: BankSettings, x: BankState, phi: Array, e: Array, alarm: Integers) -> None:
+    """Note which effectors' losses may have made the alarm: by prediction errors e (r,) and phi (p,), constant first.
+
+    The loss of an effector makes at most what it does.
+    """
+    fresh = True
+    for q in range(alarm.shape[0]):
+        fresh = fresh and x.pending[q] == 0
+    for j in range(x.suspected.shape[0]):
+        i = s.effectors_from + 1 + j
+        x.suspected[j] = 0 if fresh else x.suspected[j]
+        for q in range(alarm.shape[0]):
+            if alarm[q] != 0 and 2.0 * abs(x.mixed[q, i] * (phi[i] - x.phi_mean[i])) > abs(e[q]):
+                x.suspected[j] = 1
+
+
+@compiled
+def suspect_surface(s: BankSettings, x: BankState, k: int) -> None:
+    """Note the effectors of surface k, whose loss alarms."""
+    for j in range(x.suspected.shape[0]):
+        x.suspected[j] = 1 if s.gains[k, j] != 0.0 else 0
+
+
+@compiled
+def suspect_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square by which coefficient i (constant first) may have changed in a row q that goes on after an alarm.
+
+    What a suspect has lost in rows that alarmed it may have lost in all, until these say that it has not, or a name is
+    spoken, or the alarm is over.
+    """
+    if not s.effectors_from < i <= s.effectors_to or x.pending[q] != 0 or x.suspected[i - s.effectors_from - 1] == 0:
+        return 0.0
+    share = 0.0
+    for r in range(x.pending.shape[0]):
+        effect = x.theta_before[r, i] * x.theta_before[r, i]
+        if x.pending[r] == 0 or x.square_before[r, i] >= REFERENCE * effect:
+            continue
+        moved = x.mixed[r, i] - x.theta_before[r, i]
+        lost = LOST
+        if x.square[r, i] < LOST * effect:
+            lost = (moved * moved + x.square[r, i]) / effect
+        share = min(share, lost) if share > 0.0 else lost
+    return float(min(share, 1.0) * x.mixed[q, i] * x.mixed[q, i])
 
 
 @compiled
@@ -441,7 +491,7 @@ def keep_best(
         observe_answers(s, x, q, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i, x.mixed[q, i])
-        x.square[q, i] = min(squares[i], carried) * doubt(s, x, i)
+        x.square[q, i] = min(squares[i], carried) * doubt(s, x, i) + suspect_square(s, x, q, i)
         moved = math.inf
         if begun:
             moved = (squares[i] - bias[i]) / x.widened[q, i]
@@ -505,7 +555,7 @@ def bank_errors(
             sum_square += part * part * errors[i]
     for i in range(p):
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
-        square = power * power * errors[i] * doubt(s, x, i)
+        square = power * power * (errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i))
         if source > 0:
             own = part / power_of(s, source, ratio_of(x))
             square += own * own * state_noise(s, x, source - 1, noise[source - 1])

@@ -10,6 +10,8 @@ coloured, or a gust that moves the air data and not the aircraft::
 About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
 that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
 
+Until a first window is full, all that the state has done may be noise: its variance counts.
+
 A gust changes over seconds, and in the first of them hardly shows: with n independent windows so far, by Student's t
 the variance counts ``n / (n - 2)`` times. D holds the noise of the derivative as well, which grows as L^2 while that is
 correlated. Gyros have no gusts, and their noise is white for the most part, so for rates a short window will do.
@@ -148,6 +150,12 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
             number = OVERLAP / (gain * defect.size[j])
             found = 0.5 * defect.variance[j]
             noise[k, j] = max(found * number / max(number - 2.0, FEW), found)
+            if defect.filled[1] == 0:
+                own = 1.0 / (defect.filled[0] + 2)
+                deviation = v - defect.mean[j] if own < 1.0 else 0.0
+                defect.mean[j] = v - (1.0 - own) * deviation
+                defect.variance[j] = (1.0 - own) * (defect.variance[j] + own * deviation * deviation)
+                noise[k, j] = defect.variance[j]
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v

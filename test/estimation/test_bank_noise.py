@@ -269,3 +269,92 @@ def test_what_was_known_of_an_effector_at_rest_is_forgotten_when_an_output_first
             break
     assert state.answered.tolist() == [1, 1]
     assert ((state.best_square[:, column] == math.inf) | (state.best_time[:, column] >= t[k])).all()
+
+
+EFFECTS = np.array([[28.0, 0.0], [0.0, -8.0], [1.0, 0.0]])
+DAMPING = np.array([3.0, 1.5, 0.6])
+
+
+def linear(delta: Array, seed: int, effects: Array, noise: tuple[float, float, float]) -> tuple[Array, Array, Array]:
+    """Return states, derivatives and deflections (n, 2) at 100 Hz of what effects (n, 3, 2) make of deflections."""
+    n = len(delta)
+    x, xdot = np.zeros((n, 3)), np.zeros((n, 3))
+    for k in range(n):
+        xdot[k] = effects[k] @ delta[max(k - 1, 0)] - DAMPING * x[k]
+        if k + 1 < n:
+            x[k + 1] = x[k] + 0.01 * xdot[k]
+    parts = zip((x, xdot, delta), noise, (0, 1, 2), strict=True)
+    states, rates, deflections = (part + size * uniform(n, part.shape[1], seed + k) for part, size, k in parts)
+    return states, rates, deflections
+
+
+def events_of(delta: Array, seed: int, effects: Array, noise: tuple[float, float, float]) -> Run:
+    """Identify such a flight."""
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}))
+    return identifier.run(0.01 * np.arange(len(delta), dtype=np.float64), *linear(delta, seed, effects, noise))
+
+
+@pytest.mark.parametrize("seed", [200, 220, 240])
+def test_an_aileron_that_is_held_is_not_lost(seed: int) -> None:
+    """A roll rate that is constant, with noise in all: what a short memory makes of that is no loss.
+
+    The noise in the deflection was taken for motion, for the mixture's quick constant had learnt from it.
+    """
+    t = 0.01 * np.arange(3000)
+    delta = np.zeros((3000, 2))
+    for size, start, effector in ((0.05, 5.0, 1), (-0.1, 7.0, 1), (0.05, 9.0, 1), (0.05, 25.0, 0)):
+        delta[:, effector] += size * np.clip((t - start) / 0.25, 0.0, 1.0)
+    run = events_of(delta, seed, np.broadcast_to(EFFECTS, (3000, 3, 2)), (0.001, 0.006, 3.5e-4))
+    assert [e for estimate in run.estimates for e in estimate.events if e.equations == ("P",)] == []
+
+
+@pytest.mark.parametrize("seed", [300, 310, 320])
+def test_the_rest_after_a_manoeuvre_is_no_loss(seed: int) -> None:
+    """The outputs answered the manoeuvre, for seconds; the noise that was there before it is noise after it too."""
+    t = 0.01 * np.arange(2500)
+    delta = np.zeros((2500, 2))
+    moving = (t > 3.0) & (t < 8.0)
+    delta[moving, 0] = 0.03 * (np.sin(9.0 * t[moving]) + np.sin(5.0 * t[moving]))
+    effects = np.broadcast_to(np.array([[120.0, 0.0], [0.0, -8.0], [4.0, 0.0]]), (2500, 3, 2))
+    run = events_of(delta, seed, effects, (0.001, 0.006, 2.5e-4))
+    assert [e for estimate in run.estimates for e in estimate.events] == []
+
+
+def test_an_effect_that_one_row_has_lost_is_doubted_in_the_others_until_it_is_named() -> None:
+    """The loss shows in P at once, in R hardly: there nothing may be called known of the aileron meanwhile."""
+    n, lost = 3000, 2500
+    t = 0.01 * np.arange(n)
+    delta = 0.04 * np.column_stack([np.sign(np.sin(4.0 * t)), np.sign(np.sin(2.9 * t))])
+    effects = np.repeat(EFFECTS[None], n, axis=0)
+    effects[lost:, :, 0] *= 0.3
+    run = events_of(delta, 400, effects, (0.001, 0.02, 1e-4))
+    seen = [(e.time, v) for e in run.estimates for v in e.events]
+    alarm = next(time for time, v in seen if v.kind == EventKind.DETECTED)
+    name = next(time for time, v in seen if v.kind == EventKind.ISOLATED)
+    assert 25.0 <= alarm < name
+    before = [e for e in run.estimates if e.time < 25.0][-1]
+    assert before.b_reliable[2, 0]
+    for e in run.estimates:
+        if alarm <= e.time < name:
+            assert not e.b_reliable[2, 0] or abs(e.b[2, 0] - 0.3) < 1.96 * e.b_std[2, 0]
+
+
+def test_an_output_that_has_never_done_anything_says_nothing() -> None:
+    """A simulation from trim: zeros are no measurement of an effect of nothing."""
+    n = 200
+    run = Identifier(from_mapping({**SMALL, "sample_rate": 100.0})).run(
+        0.01 * np.arange(n, dtype=np.float64), np.zeros((n, 3)), np.zeros((n, 3)), np.zeros((n, 2))
+    )
+    assert all(np.isinf(e.b_std).all() and not e.a_reliable.any() and not e.b_reliable.any() for e in run.estimates)
+
+
+def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is() -> None:
+    n = 200
+    t, x = 0.01 * np.arange(n, dtype=np.float64), 0.3 * uniform(n, 1, 7)
+    defect = make_defect(("w",), 100.0)
+    clear_defect(defect)
+    found = np.zeros((n, 1))
+    observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros(1, np.int64), found)
+    assert found[20, 0] == pytest.approx(np.var(x[:21]), rel=1e-9)
+    assert found[39, 0] == pytest.approx(np.var(x[:40]), rel=1e-9)
+    assert found[199, 0] == pytest.approx(np.var(x), rel=0.5)

@@ -1,0 +1,37 @@
+"""Made-up linear aircraft: what they fly is their seed's, and what is said of them is counted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from benchmarks.linear_beds import PHASES, draw, fly, judge, render
+
+
+def test_a_seed_is_an_aircraft_and_its_flight() -> None:
+    first, again, other = (np.random.default_rng(seed) for seed in (5, 5, 6))
+    one = draw(first)
+    assert one.states == draw(again).states
+    assert all(np.array_equal(a, b) for a, b in zip(fly(one, first), fly(one, again), strict=True))
+    assert not np.array_equal(draw(other).b, one.b)
+
+
+def test_derivatives_are_those_of_the_states_and_a_loss_is_one() -> None:
+    random = np.random.default_rng(7)
+    drawn = draw(random)
+    one = replace(drawn, noise=0.0, gusts=0.0, servo=0.0, delay=0.0, commands=False, lost=0, left=0.5, time=50.0)
+    t, x, slopes, moved = fly(one, random)
+    for span, part in ((t < 50.0, 1.0), (t >= 50.0, 0.5)):
+        b = one.b.copy()
+        b[:, 0] *= part
+        np.testing.assert_allclose(slopes[span], x[span] @ one.a.T + moved[span] @ b.T, atol=1e-9)
+    change = 0.5 * (slopes[1:] + slopes[:-1]) / one.rate
+    assert np.corrcoef(np.diff(x[:, 1]), change[:, 1])[0, 1] > 0.9
+
+
+def test_what_is_said_is_counted() -> None:
+    row = judge(1002)
+    assert {f"{matrix} {phase}" for matrix in "AB" for phase in PHASES} == set(row["phases"])
+    assert all(total >= reliable >= covered for total, reliable, covered in row["phases"].values())
+    assert "1 linear aircraft" in render([row])
