@@ -107,21 +107,20 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         x.unexplained[j] = 0.0
         x.third_floor[j] = 0.0
         x.unanswered[j] = 0.0
-        x.second_past[0, j] = now
-        x.second_past[1, j] = now
         for k in range(x.quick_past.shape[0]):
             x.quick_past[k, j] = 0.0
         for k in range(x.recent.shape[0]):
             x.recent[k, j] = now
         for k in range(x.deflections.shape[0]):
             x.deflections[k, j] = now
+            x.white_past[k, j] = now
         for k in range(count):
             x.steps[j, k] = 0.0
         for q in range(x.answer.shape[0]):
             x.answer[q, j] = 0.0
             x.cross[q, j] = 0.0
-            x.second_cross[q, j] = 0.0
-            x.second_power[q, j] = 0.0
+            x.white_cross[q, j] = 0.0
+            x.white_power[q, j] = 0.0
 
 
 @compiled

@@ -12,8 +12,9 @@ that noise can be::
 It is that while no output answers: the sum over seconds of second differences times what a row's output does by the
 effector and beyond the model, in their middle, is within `ANSWERED`; nothing from twice that on. What an output
 answers, as dither, is motion. (Second differences hold .8 of the noise in their middle and are in phase with what
-oscillates, third ones .2 and .7. Steps, which hide for seconds what is noise, are left out.) A sensor's noise does
-not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
+oscillates. Through windows they hold motion too; there it is third ones, and the output at their end. Edges, which
+hide for seconds what is noise, are left out.) A sensor's noise does not end when the effector moves: where a loss is
+looked for, it stays what it was (`resting_noise`).
 
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares
@@ -42,7 +43,7 @@ PACE = 0.005
 SMALLEST = 1e-12
 """Least median over the square of the bank's unit: deflections that are computed have no noise."""
 EDGE = 9.0
-"""Squared standard deviations, as the median has them, beyond which a second difference is an edge."""
+"""Squared standard deviations, as the median has them, beyond which a difference is an edge."""
 QUIET = 1.5
 """For so long no output may answer, for it to be noise from then on [s].
 
@@ -56,25 +57,25 @@ ANSWERED = 9.0
 def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the median squares of the effectors' third differences; phi (p,), constant first."""
     begun = x.samples[0] - x.deflections.shape[0] - s.straddle
-    for j in range(x.second.shape[0]):
+    for j in range(x.white.shape[0]):
         i = s.effectors_from + 1 + j
         third = third_difference(s, x, x.deflections[:, j], phi[i])
         x.third_median[j] = median_of(x.third_median[j], third, SMALLEST * s.sigma[i] * s.sigma[i], begun)
 
 
 @compiled
-def observe_seconds(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Find the second differences of the effectors in phi (p,), constant first, deflections taken back; 0: edges."""
-    begun = x.samples[0] - x.deflections.shape[0] - s.straddle
-    for j in range(x.second.shape[0]):
+def observe_whites(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Find what may be noise of the effectors in phi (p,), constant first, deflections taken back; 0: edges."""
+    begun = x.samples[0] - x.white_past.shape[0] - s.straddle
+    for j in range(x.white.shape[0]):
         i = s.effectors_from + 1 + j
-        now, last = phi[i], x.second_past[0, j]
-        second = (now - 2.0 * last + x.second_past[1, j]) * s.second
-        x.second_past[0, j] = now
-        x.second_past[1, j] = last
-        x.second_median[j] = median_of(x.second_median[j], second, SMALLEST * s.sigma[i] * s.sigma[i], begun)
-        inside = begun >= 0 and second * second * MEDIAN < EDGE * x.second_median[j]
-        x.second[j] = second if inside else 0.0
+        k = x.samples[0]
+        second = (phi[i] - 2.0 * x.white_past[(k - 1) % 3, j] + x.white_past[(k - 2) % 3, j]) * s.second
+        third = third_difference(s, x, x.white_past[:, j], phi[i])
+        white = third if s.straddle > 0 else second
+        x.white_median[j] = median_of(x.white_median[j], white, SMALLEST * s.sigma[i] * s.sigma[i], begun)
+        inside = begun >= 0 and white * white * MEDIAN < EDGE * x.white_median[j]
+        x.white[j] = white if inside else 0.0
 
 
 @compiled
@@ -153,7 +154,7 @@ def entering_part(s: BankSettings, x: BankState, q: int, i: int, turned: float) 
 
 @compiled
 def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, expected: float) -> None:
-    """Update how row q's output y goes with the second differences of the effectors, one sample later.
+    """Update how row q's output y goes with what may be noise of the effectors (`observe_whites`).
 
     It is what the output does beyond the estimates by the regressor phi (p,), constant first: what these make of the
     noise in an effector is in both, and is none of what the output does. They are those from before all samples of the
@@ -168,23 +169,23 @@ def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, 
     error = y
     for i in range(phi.shape[0]):
         error -= theta[i] * phi[i]
-    for j in range(x.second.shape[0]):
-        answer = x.second_answer[q, j]
-        x.second_answer[q, j] = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
-        second = x.second[j] / expected
-        x.second_cross[q, j] = s.colour_forgetting * x.second_cross[q, j] + answer * second
-        x.second_power[q, j] = s.colour_forgetting * x.second_power[q, j] + x.second[j] * second
+    for j in range(x.white.shape[0]):
+        answer = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
+        last, x.white_answer[q, j] = x.white_answer[q, j], answer
+        white = x.white[j] / expected
+        x.white_cross[q, j] = s.colour_forgetting * x.white_cross[q, j] + (answer if s.straddle > 0 else last) * white
+        x.white_power[q, j] = s.colour_forgetting * x.white_power[q, j] + x.white[j] * white
 
 
 @compiled
 def find_noise(s: BankSettings, x: BankState) -> None:
     """Find the variance of the noise in the deflections, ``x.third_noise``: nothing where an output answers it."""
-    for j in range(x.second.shape[0]):
+    for j in range(x.white.shape[0]):
         most = 0.0
-        for q in range(x.second_cross.shape[0]):
-            if x.residual[q, 0] > 0.0 and x.second_power[q, j] > 0.0:
-                variance = s.second_spread * x.residual[q, 0] / x.residual[q, 1] * x.second_power[q, j]
-                most = max(most, x.second_cross[q, j] * x.second_cross[q, j] / variance)
+        for q in range(x.white_cross.shape[0]):
+            if x.residual[q, 0] > 0.0 and x.white_power[q, j] > 0.0:
+                variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1] * x.white_power[q, j]
+                most = max(most, x.white_cross[q, j] * x.white_cross[q, j] / variance)
         found = x.third_median[j] / MEDIAN
         noise = min(max(2.0 - most / ANSWERED, 0.0), 1.0)
         x.third_noise[j] = noise * found

@@ -13,7 +13,7 @@ from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
 from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
-from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_seconds, observe_states
+from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states, observe_whites
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs
@@ -112,7 +112,7 @@ def advance_bank(
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
-        observe_seconds(s, x, work.phi)
+        observe_whites(s, x, work.phi)
         put_in_step(s, x, y[n], work.phi, work.y)
         if follows_gap(s, x, time[n]):
             x.apart[0] = reach_of(s, x)

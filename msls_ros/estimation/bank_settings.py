@@ -178,7 +178,7 @@ def make_bank_settings(
     late = max(1, round(LATE / period))
     quick = QUICK + straddle * period
     ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
-    third, second, second_spread, slope_noise = _window_noise(straddle)
+    third, second, white_spread, slope_noise = _window_noise(straddle)
     parts = turning or {}
     stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
     return BankSettings(
@@ -231,7 +231,7 @@ def make_bank_settings(
         quick=min(period / quick, 1.0),
         third=third,
         second=second,
-        second_spread=second_spread,
+        white_spread=white_spread,
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         late=late,
@@ -281,7 +281,7 @@ def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     """Return what white noise becomes in such a window.
 
     By what third and second differences of the values are as large as the noise in them; the variance of a sum of
-    products of the latter and of slopes of other noise, over that of independent ones (Bartlett's formula); and the
+    products of the former and of slopes of other noise, over that of independent ones (Bartlett's formula); and the
     variance of the values over the least that the best prediction leaves of the slopes, the square of their first
     weight (Kolmogorov's formula) [sample^2].
     """
@@ -289,7 +289,7 @@ def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     thirds, seconds = (np.convolve(window, of) for of in ([1.0, -3.0, 3.0, -1.0], [1.0, -2.0, 1.0]))
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
-    alike, of_slopes = _filtered(seconds), _filtered(slope)
+    alike, of_slopes = _filtered(thirds), _filtered(slope)
     shared = min(len(alike), len(of_slopes))
     spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
     third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))

@@ -107,7 +107,7 @@ class BankSettings(NamedTuple):
     """Of third differences, to be of the size of the noise in what they are of, see `bank_effector_noise`."""
     second: float
     """The same of second differences."""
-    second_spread: float
+    white_spread: float
     """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
     entry: float
     """Share that a sample forgets of how outputs go with the noise in the states, see `bank_effector_noise`."""
@@ -333,17 +333,17 @@ class BankState(NamedTuple):
     """(c,) median square of their third differences, of the size of their noise."""
     third_floor: Array
     """(c,) variance of the noise when no output had answered for a while; 0: never."""
-    second_past: Array
-    """(2, c) the last deflections taken back."""
-    second: Array
-    """(c,) their second differences, of the size of their noise; 0 at edges."""
-    second_median: Array
+    white_past: Array
+    """(3, c) the last deflections taken back, a ring."""
+    white: Array
+    """(c,) their second differences, through a window third ones, of the size of their noise; 0 at edges."""
+    white_median: Array
     """(c,) median square of these, edges and all."""
-    second_answer: Array
+    white_answer: Array
     """(r, c) what outputs did last by each effector and beyond the model."""
-    second_cross: Array
-    """(r, c) weighted sums of that times second differences."""
-    second_power: Array
+    white_cross: Array
+    """(r, c) weighted sums of that times these."""
+    white_power: Array
     """(r, c) of their squares."""
     suspected: Integers
     """(c,) whether the effector's loss may have made the last alarm."""
@@ -592,12 +592,12 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         deflections=np.zeros((3, effectors)),
         third_median=np.zeros(effectors),
         third_floor=np.zeros(effectors),
-        second_past=np.zeros((2, effectors)),
-        second=np.zeros(effectors),
-        second_median=np.zeros(effectors),
-        second_answer=np.zeros((rows, effectors)),
-        second_cross=np.zeros((rows, effectors)),
-        second_power=np.zeros((rows, effectors)),
+        white_past=np.zeros((3, effectors)),
+        white=np.zeros(effectors),
+        white_median=np.zeros(effectors),
+        white_answer=np.zeros((rows, effectors)),
+        white_cross=np.zeros((rows, effectors)),
+        white_power=np.zeros((rows, effectors)),
         suspected=np.zeros(effectors, np.int64),
         unanswered=np.zeros(effectors),
         states=np.zeros((3, rows)),
