@@ -19,7 +19,7 @@ STEP = 20_000_000
 """Between two samples [ns]."""
 FAULT = 4.0
 """When ddt and de lose half of their effect [s]."""
-SECONDS = 5.2
+SECONDS = 6.4
 SENSITIVE = Configuration().replace({"detector.floor_relative": 0.05})
 """Alarms at the first sample after the loss."""
 GRAVITY = 9.80665

@@ -162,7 +162,7 @@ def test_the_numbers_can_be_taken_out_of_the_page(whole: Made) -> None:
 
 
 def test_the_detector_is_computed_again_and_equals_what_was_recorded(whole: Made) -> None:
-    assert "equals the recorded one bit for bit in all 261 models" in whole.summary["agreement"]
+    assert "equals the recorded one bit for bit in all 321 models" in whole.summary["agreement"]
 
 
 def test_every_line_in_a_key_has_a_name(whole: Made) -> None:
@@ -215,7 +215,7 @@ def test_inputs_alone_are_identified_offline(tmp_path: Path, capsys: pytest.Capt
     made = make(capsys, record(tmp_path / "flown", INPUTS, kept=False), *FEW)
     assert made.path.parent == tmp_path / "flown_report"
     assert made.summary["models"] == "models computed from the recorded inputs"
-    assert made.summary["samples"] == 261
+    assert made.summary["samples"] == 321
     assert {"trust", "detection", "parameters"} <= made.figures
     assert "dither" not in made.summary["sections"], "none was injected"
     assert any("holds no model" in sentence for sentence in made.summary["missing"])
@@ -255,7 +255,7 @@ def test_a_bag_that_was_cut_off_is_shown_as_far_as_it_goes(
     cut.write_bytes(whole.read_bytes()[: whole.stat().st_size * 2 // 3])
     made = make(capsys, cut, *FEW)
     assert made.path.parent == tmp_path / "cut_report"
-    assert 50 < made.summary["samples"] < 261
+    assert 50 < made.summary["samples"] < 321
     assert made.summary["warnings"]
     assert made.summary["warnings"][0] in made.page.text
 
@@ -266,7 +266,7 @@ def test_of_a_bag_whose_time_jumps_back_one_stretch_is_shown(
     made = make(capsys, record(tmp_path / "bag", passes=2), *FEW)
     assert any("time jumps back" in warning for warning in made.summary["warnings"])
     assert made.summary["alarms"] == 1
-    assert "bit for bit in all 261 models" in made.summary["agreement"]
+    assert "bit for bit in all 321 models" in made.summary["agreement"]
 
 
 def test_what_the_gate_refuses_is_counted(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -339,7 +339,7 @@ def test_two_aircraft_must_be_told_apart(tmp_path: Path, capsys: pytest.CaptureF
                 writer.write(*message)
     assert report.main([str(tmp_path / "both")]) == 2
     assert "--namespace" in capsys.readouterr().err
-    assert make(capsys, tmp_path / "both", "--namespace", "b", *FEW).summary["samples"] == 261
+    assert make(capsys, tmp_path / "both", "--namespace", "b", *FEW).summary["samples"] == 321
 
 
 PROBE = """
