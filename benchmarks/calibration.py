@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibration_beds import (
-    INTERVALS,
     PATHS,
     Bed,
     Recorded,
@@ -35,6 +34,7 @@ from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, 
 from msls_ros.estimation.kernel import Array
 from msls_ros.flights.judging import belongs, exposed
 from msls_ros.flights.scenarios import Scenario
+from msls_ros.inputs.derivatives import usual_intervals
 
 PHASES = ("first second", "1-4 s", "1 s after", "1-4 s after", "manoeuvre", "quiet")
 BAND = 1.96
@@ -74,15 +74,16 @@ def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Confi
     configuration
         Of the identifier.
     """
-    samples = (flight.time, flight.x, flight.xdot, flight.delta) if path == "direct" else mapped(flight)
-    straddle = INTERVALS if path == "mapped" else 0
-    every = max(1, round(configuration.sample_rate / ESTIMATES))
+    rate = configuration.sample_rate
+    samples = (flight.time, flight.x, flight.xdot, flight.delta) if path == "direct" else mapped(flight, rate)
+    straddle = usual_intervals(rate) if path == "mapped" else 0
+    every = max(1, round(rate / ESTIMATES))
     estimates = Identifier(configuration, straddle).run(*samples, every=every).estimates
     events = [event for estimate in estimates for event in estimate.events]
     alarms = [(event.time, event.equations) for event in events if event.kind == EventKind.DETECTED]
     spans = bed.scenario.fault_spans
     aloft = float(np.isfinite(flight.truth_b).all(axis=(1, 2)).mean())
-    late = 0.5 * straddle / configuration.sample_rate  # a window's stamp is its middle: it has seen what comes after
+    late = 0.5 * straddle / rate  # a window's stamp is its middle: it has seen what comes after
     seen = [time + late for time, _ in alarms]
     return {
         "bed": bed.name,

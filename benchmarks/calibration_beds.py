@@ -23,7 +23,7 @@ from msls_ros.fleet.work import running_code
 from msls_ros.flights.aircraft_files import find_aircraft
 from msls_ros.flights.closed_loop import Rates, fly
 from msls_ros.flights.scenarios import Scenario, find_scenario
-from msls_ros.inputs.derivatives import DerivativeFilter
+from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 from msls_ros.inputs.frames import euler_rates
 
 F16 = (
@@ -69,8 +69,6 @@ DITHER = {
 QUIET_DITHER = {"dither.limit_nominal": 0.0, "dither.limit_boosted": 0.0}
 GUSTS = 0.3
 """[m/s]"""
-INTERVALS = 4
-"""Of the window of derivatives, on the way through mapped inputs."""
 PATHS = ("direct", "mapped")
 
 
@@ -226,8 +224,8 @@ def keep_row(file: Path | None, row: dict[str, Any]) -> None:
             opened.write(json.dumps(row) + "\n")
 
 
-def mapped(flight: Recorded) -> tuple[Array, Array, Array, Array]:
-    """Return the samples as mapped inputs give them: rates differentiated, all else through the same window.
+def mapped(flight: Recorded, sample_rate: float) -> tuple[Array, Array, Array, Array]:
+    """Return the samples as mapped inputs give them at a rate [Hz]: rates differentiated, all in the same window.
 
     Returns
     -------
@@ -235,7 +233,7 @@ def mapped(flight: Recorded) -> tuple[Array, Array, Array, Array]:
         Time, states, derivatives and deflections.
     """
     n, m = flight.x.shape[1], flight.delta.shape[1]
-    window = DerivativeFilter(INTERVALS, 2 * n + m, round(1e9))
+    window = DerivativeFilter(usual_intervals(sample_rate), 2 * n + m, round(1e9))
     velocity = [k < 3 for k in range(n)]
     kinds = [*velocity, *[False] * m, *velocity], [*[False] * (n + m), *[True] * n]
     spikes = SpikeFilter(spike_settings(*kinds, float(np.median(flight.x[:, 0])), 1.0))

@@ -32,7 +32,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.spikes import SpikeFilter, spike_settings
 from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
-from msls_ros.inputs.derivatives import DerivativeFilter
+from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
@@ -88,6 +88,8 @@ class InputAdapter:
         less is refused.
     reference_speed
         Of flight [m/s].
+    sample_rate
+        Of the clock [Hz]: of the derivatives' window, where the inputs say nothing of it.
     refused
         Where refusals are counted by reason; None: in a counter of its own.
     report
@@ -107,6 +109,7 @@ class InputAdapter:
         *,
         time_jump: float = 1.0,
         reference_speed: float = 100.0,
+        sample_rate: float = 50.0,
         refused: Counter[str] | None = None,
         report: Callable[[Refused], None] = lambda _: None,
     ) -> None:
@@ -135,7 +138,10 @@ class InputAdapter:
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
         n, m = len(self._states), len(self._effectors)
-        self._filter = DerivativeFilter(inputs.intervals, 2 * n + m + 3, inputs.maximum_age) if differentiated else None
+        intervals = inputs.intervals or usual_intervals(sample_rate)
+        self.straddle = intervals if differentiated else 0
+        """Samples over which a row reaches: intervals of the derivatives' window; 0: nothing is differentiated."""
+        self._filter = DerivativeFilter(intervals, 2 * n + m + 3, inputs.maximum_age) if differentiated else None
         velocity = [name in _VELOCITY for name in self._states]
         self._spikes = SpikeFilter(
             spike_settings(
@@ -229,11 +235,6 @@ class InputAdapter:
             if topics[topic] != msgtype:
                 message = f"topic {topic} has type {topics[topic]}; the inputs expect {msgtype}"
                 raise EstimationError(message)
-
-    @property
-    def straddle(self) -> int:
-        """Samples over which a row reaches: intervals of the derivatives' window; 0: nothing is differentiated."""
-        return 0 if self._filter is None else self.inputs.intervals
 
     def clear(self) -> None:
         """Forget all messages; the counts stay."""

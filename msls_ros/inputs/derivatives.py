@@ -13,6 +13,9 @@ taken, or smoothed, by another. The stamp of both is the weighted mean time, the
 The weights are a parabola, ``w_i ~ (i+1)(n-i)`` for n intervals: on an even clock the slope is then the Savitzky-Golay
 derivative (least-squares quadratic over n+1 points), of all filters of that length the one with the least noise.
 
+A window of so many intervals is shorter where samples come faster, and its slopes are noisier: the noise of a sensor in
+them goes with its length to the power of -3/2. So its length is a time unless it is set (`usual_intervals`).
+
 References
 ----------
 Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, 1964.
@@ -29,6 +32,24 @@ from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
 
+WINDOW = 0.1
+"""Length of the window [s], no less than `LEAST_INTERVALS`.
+
+Lost surfaces that are named rightly, wrongly, and false alarms: half ailerons of 23 aircraft in flight test at 50 and
+100 Hz, 46 flights (seeds 845, 205), and losses of the F-16 at 50 Hz, 24 flights (845, 846); any length calls as much
+reliable to .03, as well covered::
+
+    four intervals   26; 16, 0, 2
+    .06 s            28; 16, 0, 2
+    .08 s            29; 16, 0, 2
+    .10 s            35; 17, 0, 2
+    .12 s            33; 18, 0, 4
+    .16 s            33; 15, 0, 11    alarms come late
+"""
+LEAST_INTERVALS = 4
+"""Of the window: with two, at 25 Hz, 15 of 23 are named rightly, with four 17."""
+
+
 @dataclass(frozen=True)
 class Filtered:
     """Signals under the window; c columns."""
@@ -39,6 +60,11 @@ class Filtered:
     """(c,) means."""
     slope: Array
     """(c,) means of the derivatives [per second]."""
+
+
+def usual_intervals(sample_rate: float) -> int:
+    """Return how many intervals a window has where nobody says so, at a rate of samples [Hz]."""
+    return max(LEAST_INTERVALS, round(WINDOW * sample_rate))
 
 
 def interval_weights(intervals: int) -> Array:

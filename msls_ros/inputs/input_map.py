@@ -145,7 +145,7 @@ class InputMap:
     maximum_age: int
     """[ns]"""
     intervals: int
-    """Of the derivative filter's window; used only where something is differentiated."""
+    """Of the window of derivatives that are not measured; 0: `derivatives.usual_intervals`."""
     imu_position: tuple[float, float, float]
     """Of the accelerometer, from the centre of mass, FRD [m]."""
     vane_position: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -169,8 +169,10 @@ class InputMap:
         plain = {name: flat.pop(name, default) for name, default in PLAIN.items()}
         age = round(1e9 * _number("maximum_age", plain["maximum_age"], 1e-6, 10.0))
         intervals = plain["intervals"]
-        if type(intervals) is not int or not 1 <= intervals <= 1000:
-            message = f"inputs.intervals is {intervals!r}; it must be a whole number from 1 to 1000"
+        if type(intervals) is not int or not 0 <= intervals <= 1000:
+            message = (
+                f"inputs.intervals is {intervals!r}; it must be a whole number from 1 to 1000, or 0, for a usual one"
+            )
             raise EstimationError(message)
         topics = {n[7:]: _parse(f"inputs.{n}", v, _topic) for n, v in flat.items() if n.startswith("topics.")}
         streams = {}
@@ -192,7 +194,7 @@ class InputMap:
 PLAIN: Mapping[str, Any] = {
     "clock": "",
     "maximum_age": 0.1,
-    "intervals": 4,
+    "intervals": 0,
     "imu_position": (0.0, 0.0, 0.0),
     "vane_position": (0.0, 0.0, 0.0),
 }

@@ -58,6 +58,7 @@ def make_adapter(
         configuration.effectors,
         time_jump=configuration.time_jump,
         reference_speed=configuration.reference_speed,
+        sample_rate=configuration.sample_rate,
         refused=gate.refused,
         report=report,
     )

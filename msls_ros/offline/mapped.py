@@ -62,6 +62,7 @@ def mapped_recording(
         c.effectors,
         time_jump=c.time_jump,
         reference_speed=c.reference_speed,
+        sample_rate=c.sample_rate,
         refused=refused,
         report=note,
     )

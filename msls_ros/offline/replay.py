@@ -255,6 +255,7 @@ def _open(
             configuration.effectors,
             time_jump=configuration.time_jump,
             reference_speed=configuration.reference_speed,
+            sample_rate=configuration.sample_rate,
             refused=gate.refused,
             report=note,
         )

@@ -69,7 +69,7 @@ def test_coverage_and_median_are_those_of_normal_errors() -> None:
 
 def test_through_mapped_inputs_rates_are_differentiated_and_all_else_keeps_their_time() -> None:
     flight = recorded()
-    time, x, xdot, _ = mapped(flight)
+    time, x, xdot, _ = mapped(flight, 40.0)
     assert len(time) == len(flight.time) - 4
     assert time[0] == pytest.approx(flight.time[2])
     assert xdot[100, 3] == pytest.approx(0.4 * np.cos(4.0 * time[100]), abs=0.02)

@@ -12,8 +12,7 @@ from benchmarks.calibration_beds import Recorded, mapped
 from benchmarks.servo_beds import SMALLS, trim
 from benchmarks.whole_beds import REST, Pilot, WholeBed, move, whole_beds
 from msls_ros.estimation import EventKind, Identifier
-
-INTERVALS = 4
+from msls_ros.inputs.derivatives import usual_intervals
 
 
 @pytest.fixture(scope="module")
@@ -55,8 +54,8 @@ def test_through_take_off_and_spikes_it_is_right_and_names_nothing(bed: WholeBed
     assert row["false_alarms"] <= 2
     phases = [cell for phase, cell in row["phases"]["B"].items() if phase in ("manoeuvre", "quiet")]
     assert calibration.phase_numbers(phases)["coverage"] > 0.9
-    identifier = Identifier(configuration, INTERVALS)
-    found = identifier.run(*mapped(flight), every=5).estimates
+    identifier = Identifier(configuration, usual_intervals(configuration.sample_rate))
+    found = identifier.run(*mapped(flight, configuration.sample_rate), every=5).estimates
     assert identifier.grounded > REST * configuration.sample_rate
     for time in (60.0, 110.0, 150.0):
         estimate = next(one for one in found if one.time >= time)

@@ -170,6 +170,13 @@ def test_a_linear_system_stays_the_same_system_under_the_window_however_uneven_t
     assert np.max(np.abs(others / [-3.0, 5.0] - 1.0)) > 0.05
 
 
+@pytest.mark.parametrize(("rate", "intervals"), [(10.0, 4), (25.0, 4), (50.0, 5), (100.0, 10), (400.0, 40)])
+def test_a_window_is_a_tenth_of_a_second_unless_it_is_said(rate: float, intervals: int) -> None:
+    assert adapter({"derivatives": {}}, sample_rate=rate).straddle == intervals
+    assert adapter({"derivatives": {}, "intervals": 3}, sample_rate=rate).straddle == 3
+    assert adapter(sample_rate=rate).straddle == 0
+
+
 def test_a_gap_empties_the_window_and_is_counted() -> None:
     made = adapter({"derivatives": {}, "intervals": 2})
     assert made.methods == {"s": "differentiated"}
@@ -329,7 +336,7 @@ def test_rows_pass_the_gate_and_refusals_share_its_counter() -> None:
     [
         ({"clock": "c"}, "inputs.clock is 'c'; it must be one of the topics, 'a', 'b'"),
         ({"maximum_age": -1}, "maximum_age is -1; it must be a number from 1e-06 to 10"),
-        ({"intervals": 0}, "inputs.intervals is 0; it must be a whole number"),
+        ({"intervals": -1}, "inputs.intervals is -1; it must be a whole number from 1 to 1000, or 0"),
         ({"imu_position": [1.0]}, "inputs.imu_position is [1.0]; it must be 3 numbers"),
         ({"states": {"s": "c s"}}, "parameter 'inputs.states.s': 'c' is not a topic; inputs.topics has 'a', 'b'"),
         ({"states": {"s": "a"}}, "parameter 'inputs.states.s': it is 'a'; it must begin with two words"),
