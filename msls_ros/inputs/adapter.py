@@ -89,7 +89,7 @@ class InputAdapter:
     reference_speed
         Of flight [m/s].
     sample_rate
-        Of the clock [Hz]: of the derivatives' window, where the inputs say nothing of it.
+        Of the clock [Hz], for the window of derivatives where the inputs say nothing of it; 0: not known.
     refused
         Where refusals are counted by reason; None: in a counter of its own.
     report
@@ -109,7 +109,7 @@ class InputAdapter:
         *,
         time_jump: float = 1.0,
         reference_speed: float = 100.0,
-        sample_rate: float = 50.0,
+        sample_rate: float = 0.0,
         refused: Counter[str] | None = None,
         report: Callable[[Refused], None] = lambda _: None,
     ) -> None:

@@ -31,7 +31,6 @@ import numpy as np
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
-
 WINDOW = 0.1
 """Length of the window [s], no less than `LEAST_INTERVALS`.
 

@@ -170,9 +170,7 @@ class InputMap:
         age = round(1e9 * _number("maximum_age", plain["maximum_age"], 1e-6, 10.0))
         intervals = plain["intervals"]
         if type(intervals) is not int or not 0 <= intervals <= 1000:
-            message = (
-                f"inputs.intervals is {intervals!r}; it must be a whole number from 1 to 1000, or 0, for a usual one"
-            )
+            message = f"inputs.intervals is {intervals!r}; it must be a whole number from 1 to 1000, or 0"
             raise EstimationError(message)
         topics = {n[7:]: _parse(f"inputs.{n}", v, _topic) for n, v in flat.items() if n.startswith("topics.")}
         streams = {}

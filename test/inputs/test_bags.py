@@ -14,6 +14,7 @@ from inputs.mapped_messages import RATE, START, Array, Flight, rigid_flight, wri
 from msls_ros import bags
 from msls_ros.estimation import Configuration, Estimate, EstimationError, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Synchronizer, adapt
+from msls_ros.inputs.derivatives import usual_intervals
 from msls_ros.inputs.profiles import read_inputs, read_profile
 from msls_ros.plant import CONDITIONS, EFFECTORS, MANOEUVRES, Aircraft, Pilot, Sensors
 
@@ -54,6 +55,7 @@ def adapted(messages: Iterator[tuple[str, int, Any]], inputs: InputMap, configur
 
 
 def read_bag(path: Path, inputs: InputMap, configuration: Configuration) -> Mapped:
+    """Read the samples; a window of derivatives of which the inputs say nothing has four intervals."""
     adapter = InputAdapter(inputs, configuration.states, configuration.effectors)
     reader = bags.read(path, adapter.topics)
     adapter.check(reader.topics)
@@ -196,6 +198,33 @@ def f16_profile(folder: Path) -> Path:
     return path
 
 
+def compare(
+    flight: Flight, found: Mapped, configuration: Configuration, straddle: int = 0
+) -> tuple[list[tuple[Estimate, Estimate]], Array]:
+    """Return estimates by mapped samples and by the flight's own, once a second, and how far they differ."""
+    mapped = Identifier(configuration, straddle).run(found.at / RATE, found.x, found.xdot, found.delta).estimates
+    at = np.arange(len(flight.x)) / RATE
+    direct = Identifier(configuration).run(at, flight.x, flight.xdot, flight.delta).estimates
+    pairs = [(mapped[np.searchsorted(found.at, k)], direct[k]) for k in range(7 * RATE, 20 * RATE, RATE)]
+    return pairs, np.concatenate([differences(mine, theirs) for mine, theirs in pairs])
+
+
+@pytest.mark.parametrize("slow", [1, 2])
+@pytest.mark.parametrize("condition", ["high_alpha", "cruise"])
+def test_all_that_the_bank_knows_to_five_percent_it_knows_from_ros_types_in_a_usual_window(
+    condition: str, slow: int, tmp_path: Path
+) -> None:
+    flight, profile = f16(condition), f16_profile(tmp_path)
+    bag = write_bag(tmp_path / "bag", made.standard(flight, slow=slow), tmp_path / "definitions")
+    changes = {"estimator.method": "bank", "detector.mode": "normalised"}
+    configuration, inputs = read_profile(profile).replace({**WELL_KNOWN, **changes}), read_inputs(profile)
+    assert inputs is not None and inputs.intervals == 0
+    straddle = usual_intervals(configuration.sample_rate)
+    found = read_bag(bag, replace(inputs, intervals=straddle), configuration)
+    _, off = compare(flight, found, configuration, straddle)
+    assert straddle == 10 and len(off) >= 120 and np.median(off) < 0.01 and off.max() < 0.05
+
+
 @pytest.mark.parametrize("slow", [1, 2])
 @pytest.mark.parametrize("condition", ["high_alpha", "cruise"])
 def test_an_f16_mapped_from_ros_types_gives_a_and_b_within_five_percent_of_the_direct_ones(
@@ -207,13 +236,7 @@ def test_an_f16_mapped_from_ros_types_gives_a_and_b_within_five_percent_of_the_d
     changes = {"estimator.forgetting_factor": 0.995, "estimator.penalty": 1e-3}
     configuration, inputs = read_profile(profile).replace({**WELL_KNOWN, **changes}), read_inputs(profile)
     assert inputs is not None
-    found = read_bag(bag, inputs, configuration)
-    mapped = Identifier(configuration).run(found.at / RATE, found.x, found.xdot, found.delta).estimates
-    at = np.arange(len(flight.x)) / RATE
-    direct = Identifier(configuration).run(at, flight.x, flight.xdot, flight.delta).estimates
-    seconds = range(7 * RATE, 20 * RATE, RATE)
-    pairs = [(mapped[np.searchsorted(found.at, k)], direct[k]) for k in seconds]
-    off = np.concatenate([differences(mine, theirs) for mine, theirs in pairs])
+    pairs, off = compare(flight, read_bag(bag, inputs, configuration), configuration)
     assert len(off) >= 120 and np.median(off) < 0.01 and np.mean(off < 0.05) > 0.95 and off.max() < 0.1
     assert all(abs(mine.b[P, DDT] / theirs.b[P, DDT] - 1.0) < 0.03 for mine, theirs in pairs)
 

@@ -48,7 +48,8 @@ def offline(messages: list[tuple[str, Any]]) -> list[tuple[int, bytes, bytes]]:
     configuration, inputs = read_profile(PROFILE).replace({"time_jump": 0.2}), read_inputs(PROFILE)
     assert inputs is not None
     gate = Synchronizer(configuration.states, configuration.effectors, 0.2)
-    adapter = InputAdapter(inputs, configuration.states, configuration.effectors, time_jump=0.2)
+    names, rate = (configuration.states, configuration.effectors), configuration.sample_rate
+    adapter = InputAdapter(inputs, *names, time_jump=0.2, sample_rate=rate)
     identifier, found = Identifier(configuration), []
     for topic, message in messages:
         for row in adapter.push(topic, 0, message):
@@ -90,14 +91,14 @@ def test_live_and_offline_by_one_profile_are_equal_to_the_last_bit_also_played_t
     node = make(bench, time_jump=0.2)
     models = bench.listen(LinearModel, "model")
     expected = offline(messages)
-    assert len(expected) == 2 * 45
+    assert len(expected) == 2 * 39
     taken = count_messages(node)
     for number, (topic, message) in enumerate(messages, 1):
         bench.publish(topic, message)
         bench.expect(taken, number)
     bench.expect(models, len(expected), "models")
     assert decoded(models) == expected
-    assert decoded(models)[:45] == decoded(models)[45:]
+    assert decoded(models)[:39] == decoded(models)[39:]
 
 
 @pytest.mark.parametrize("profile", ["odometry_jointstate", "mavros_fixed_wing", "px4_odometry"])

@@ -45,7 +45,10 @@ def test_a_bag_of_other_types_replays_by_its_profile(
     configuration, inputs = read_profile(profile), read_inputs(profile)
     assert inputs is not None
     gate = Synchronizer(configuration.states, configuration.effectors, configuration.time_jump)
-    adapter = InputAdapter(inputs, configuration.states, configuration.effectors, refused=gate.refused)
+    rate = configuration.sample_rate
+    adapter = InputAdapter(
+        inputs, configuration.states, configuration.effectors, sample_rate=rate, refused=gate.refused
+    )
     decoded = ((m.topic, m.stamp_ns, d) for m, d in bags.read(bag).decoded())
     samples = [s for row in adapt(decoded, adapter) if (s := row.offer(gate)) is not None]
     identifier = Identifier(configuration, adapter.straddle)
