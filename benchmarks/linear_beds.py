@@ -4,7 +4,8 @@ What every bed of `calibration_beds` has in common, that it is JSBSim's, these d
 flight, lateral (v, P, R by da, dr) or longitudinal (w, Q by de), at 15 to 200 m/s, and constant but for a loss of an
 effector in half of the flights. Inputs are doublets, holds, 3-2-1-1, multisines or a pilot's, one effector after the
 other with pauses; rates are fed back in half of the flights. Sensor noise is nothing to three times `NOISE`, gusts act
-on the aircraft and are in no sensor, servos lag and are late, and deflections or commands are recorded.
+on the aircraft and are in no sensor, servos lag and are late, and deflections or commands are recorded. Each is
+identified from measured derivatives, and with those of the rates made in a window, as `calibration_beds`.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
+from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -31,6 +33,7 @@ NOISE = {"velocity": 0.01, "rate": 0.003, "acceleration": 0.1, "angular accelera
 SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
+PATHS = ("direct", "differentiated")
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 
 
@@ -177,13 +180,30 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
     return np.arange(n) / one.rate, seen, slopes, moved
 
 
-def judge(seed: int) -> Row:
-    """Fly one of this seed, identify it as it ships, and hold what is said against the truth."""
+def differentiate(one: Linear, flight: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    """Return a flight as mapped inputs give it where no derivative of a rate is measured."""
+    time, x, slopes, moved = flight
+    n = x.shape[1]
+    window = DerivativeFilter(usual_intervals(one.rate), 2 * n + moved.shape[1], round(1e9))
+    samples = zip(time, np.concatenate([x, slopes, moved], axis=1), strict=True)
+    rows = [made for t, row in samples if (made := window.push(round(t * 1e9), row)) is not None]
+    smooth, slope = (np.array([getattr(row, name) for row in rows]) for name in ("smooth", "slope"))
+    derivatives = np.concatenate([smooth[:, n : n + 1], slope[:, 1:n]], axis=1)
+    return np.array([row.stamp * 1e-9 for row in rows]), smooth[:, :n], derivatives, smooth[:, 2 * n :]
+
+
+def judge(job: tuple[int, str]) -> Row:
+    """Fly one of this seed, identify it on one of `PATHS` as it ships, and hold what is said against the truth."""
+    seed, path = job
     random = np.random.default_rng(seed)
     one = draw(random)
     names = {"states": one.states, "effectors": one.effectors, "known_gravity": False, "estimator.method": "bank"}
-    estimates = Identifier(from_mapping({**names, "sample_rate": float(one.rate)})).run(*fly(one, random)).estimates
-    events = [(e.time, v) for e in estimates for v in e.events]
+    configuration, flight = from_mapping({**names, "sample_rate": float(one.rate)}), fly(one, random)
+    straddle = 0 if path == "direct" else usual_intervals(one.rate)
+    samples = differentiate(one, flight) if straddle else flight
+    estimates = Identifier(configuration, straddle).run(*samples).estimates
+    seen = 0.5 * straddle / one.rate  # a window's stamp is its middle
+    events = [(e.time + seen, v) for e in estimates for v in e.events]
     alarms = [time for time, v in events if v.kind == EventKind.DETECTED]
     lost = one.time if one.lost >= 0 else np.inf
     found = [(time, v) for time, v in events if v.kind == EventKind.ISOLATED]
@@ -191,13 +211,14 @@ def judge(seed: int) -> Row:
     own = [time for time in alarms if time >= lost]
     return {
         "seed": seed,
+        "path": path,
         "lost": one.lost >= 0,
         "seen": any(time <= lost + LATE for time in own),
         "false": len(alarms) - len(own),
         "late": sum(time > lost + LATE for time in own),
         "right": len(right),
         "wrong": len(found) - len(right),
-        "phases": count(one, estimates, alarms),
+        "phases": count(one, estimates, [time - seen for time in alarms]),
     }
 
 
@@ -224,14 +245,21 @@ def count(one: Linear, estimates: Sequence[Estimate], alarms: Sequence[float]) -
 
 
 def run(flights: int, first_seed: int, jobs: int) -> Iterator[Row]:
-    """Yield the rows of so many flights."""
+    """Yield the rows of so many flights, both ways."""
     with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(judge, range(first_seed, first_seed + flights))
+        yield from pool.map(judge, [(seed, path) for seed in range(first_seed, first_seed + flights) for path in PATHS])
 
 
 def render(rows: Sequence[Row]) -> str:
     """Return them as a table."""
-    lines = [f"{len(rows)} linear aircraft; share called reliable / coverage"]
+    return "\n".join(line for path in PATHS for line in render_path(path, [row for row in rows if row["path"] == path]))
+
+
+def render_path(path: str, rows: Sequence[Row]) -> list[str]:
+    """Return the lines of one of `PATHS`."""
+    if not rows:
+        return []
+    lines = [f"{len(rows)} linear aircraft, {path}; share called reliable / coverage"]
     for matrix in "AB":
         cells = []
         for phase in PHASES:
@@ -243,4 +271,4 @@ def render(rows: Sequence[Row]) -> str:
         f"losses: {sums['lost']}, seen within {LATE:.0f} s {sums['seen']}, alarms later {sums['late']} (nothing shows "
         f"before the next input), false {sums['false']}; names right {sums['right']}, wrong {sums['wrong']}"
     )
-    return "\n".join(lines)
+    return lines

@@ -185,7 +185,7 @@ def _linear(arguments: argparse.Namespace) -> Any:
     for row in module.run(arguments.flights, arguments.first_seed, os.cpu_count() or 1):
         rows.append(row)
         if len(rows) % 10 == 0:
-            _say(f"{len(rows)} of {arguments.flights} flights")
+            _say(f"{len(rows)} of {2 * arguments.flights} flights")
     if not arguments.json:
         print(module.render(rows))
     return rows

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
-from benchmarks.linear_beds import PHASES, draw, fly, judge, render
+from benchmarks.linear_beds import PATHS, PHASES, differentiate, draw, fly, judge, render
+from msls_ros.inputs.derivatives import usual_intervals
 
 
 def test_a_seed_is_an_aircraft_and_its_flight() -> None:
@@ -30,8 +32,19 @@ def test_derivatives_are_those_of_the_states_and_a_loss_is_one() -> None:
     assert np.corrcoef(np.diff(x[:, 1]), change[:, 1])[0, 1] > 0.9
 
 
-def test_what_is_said_is_counted() -> None:
-    row = judge(1002)
+@pytest.mark.parametrize("path", PATHS)
+def test_what_is_said_is_counted(path: str) -> None:
+    row = judge((1002, path))
     assert {f"{matrix} {phase}" for matrix in "AB" for phase in PHASES} == set(row["phases"])
     assert all(total >= reliable >= covered for total, reliable, covered in row["phases"].values())
-    assert "1 linear aircraft" in render([row])
+    assert render([row]).startswith(f"1 linear aircraft, {path};")
+
+
+def test_differentiated_it_is_the_same_aircraft() -> None:
+    random = np.random.default_rng(7)
+    one = replace(draw(random), noise=0.0, gusts=0.0, servo=0.0, delay=0.0, commands=False, lost=-1)
+    flight = fly(one, random)
+    time, x, slopes, moved = differentiate(one, flight)
+    assert len(time) == len(flight[0]) - usual_intervals(one.rate)
+    expected = x @ one.a.T + moved @ one.b.T
+    assert np.abs(slopes - expected).max() < 0.05 * np.abs(expected).max()
