@@ -46,7 +46,15 @@ trials", Controlled Clinical Trials 7 (1986) (random effects).
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank_lags import APART, KEEP, factorise, shift_estimates, solve_backward, solve_forward
+from msls_ros.estimation.bank_lags import (
+    APART,
+    KEEP,
+    factorise,
+    known_effect,
+    shift_estimates,
+    solve_backward,
+    solve_forward,
+)
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
@@ -163,7 +171,9 @@ def put_in_step(s: BankSettings, x: BankState, y: Array, phi: Array, to: Array) 
             continue
         whole = int(late)
         for j in range(x.answer.shape[1]):
-            to[q] -= x.mixed[q, first + j] * (deflection_of(s, x, slot - whole, late - whole, j) - phi[first + j])
+            to[q] -= known_effect(x, q, first + j) * (
+                deflection_of(s, x, slot - whole, late - whole, j) - phi[first + j]
+            )
 
 
 @compiled

@@ -196,6 +196,19 @@ def shift_estimates(s: BankSettings, x: BankState, kind: int, change: float) -> 
 
 
 @compiled
+def known_effect(x: BankState, q: int, i: int) -> float:
+    """Return as much of coefficient i's effect on row q as is known of it: ``theta^3 / (theta^2 + se^2)``.
+
+    Corrections by what is not known feed on themselves: of an effector that hardly moves, they are all that it does.
+    After an alarm it is known as before.
+    """
+    effect = x.mixed[q, i]
+    square = effect * effect
+    error = min(x.square[q, i], x.square_before[q, i]) if x.pending[q] != 0 else x.square[q, i]
+    return float(effect * (square / (square + error))) if square > 0.0 else 0.0
+
+
+@compiled
 def lag_square(x: BankState, q: int, i: int) -> float:
     """Variance of row q's coefficient i by what is not known of delays."""
     return float(x.late_square[0, q, i])
