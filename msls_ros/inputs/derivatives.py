@@ -34,9 +34,9 @@ from msls_ros.estimation.kernel import Array
 WINDOW = 0.1
 """Length of the window [s], no less than `LEAST_INTERVALS`.
 
-Lost surfaces that are named rightly, wrongly, and false alarms: half ailerons of 23 aircraft in flight test at 50 and
-100 Hz, 46 flights (seeds 845, 205), and losses of the F-16 at 50 Hz, 24 flights (845, 846); any length calls as much
-reliable to .03, as well covered::
+Lost surfaces that are named: half ailerons of 23 aircraft in flight test at 50 and 100 Hz, 46 flights (seeds 845, 205),
+and losses of the F-16 at 50 Hz, 24 flights (845, 846); wrong names, false and late alarms. Up to .1 s as much is called
+reliable to .04, as well covered::
 
     four intervals   26; 16, 0, 2
     .06 s            28; 16, 0, 2
