@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from benchmarks.linear_beds import PATHS, PHASES, differentiate, draw, fly, judge, render
+from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.inputs.derivatives import usual_intervals
 
 
@@ -38,6 +39,19 @@ def test_what_is_said_is_counted(path: str) -> None:
     assert {f"{matrix} {phase}" for matrix in "AB" for phase in PHASES} == set(row["phases"])
     assert all(total >= reliable >= covered for total, reliable, covered in row["phases"].values())
     assert render([row]).startswith(f"1 linear aircraft, {path};")
+
+
+def test_an_effector_that_has_only_followed_a_rate_does_not_end_the_estimate() -> None:
+    """Noise-free: its effect on v, put in step with the moments by itself, went to 7e8 in half a second."""
+    random = np.random.default_rng(2040)
+    one = draw(random)
+    configuration = from_mapping(
+        {"states": one.states, "effectors": one.effectors, "known_gravity": False, "sample_rate": float(one.rate)}
+    )
+    time, x, slopes, moved = (part[: 20 * one.rate] for part in differentiate(one, fly(one, random)))
+    found = Identifier(configuration, usual_intervals(one.rate)).run(time, x, slopes, moved)
+    assert not [e for one in found.estimates for e in one.events if e.kind == EventKind.RESET]
+    np.testing.assert_allclose(found.estimates[-1].b[1, 0], one.b[1, 0], rtol=0.1)
 
 
 def test_differentiated_it_is_the_same_aircraft() -> None:

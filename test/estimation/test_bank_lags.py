@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_lags import lag_square, shift_estimates
+from msls_ros.estimation.bank_lags import known_effect, lag_square, shift_estimates
 from msls_ros.estimation.bank_losses import keep_reference
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import bank_settings
@@ -143,3 +143,18 @@ def test_however_much_delays_may_do_the_references_of_losses_are_positive() -> N
     keep_reference(settings, state)
     assert (lag_square(state, 0, 4) > state.square[0]).any(), "more than the whole error, which is bounded"
     assert state.kept_square[slot].min() > 0.0
+
+
+def test_an_effect_corrects_as_far_as_it_is_known_and_after_an_alarm_as_far_as_it_was() -> None:
+    engine = Identifier(from_mapping(SMALL))._regression
+    assert isinstance(engine, BankRegression)
+    x = engine.state
+    i = engine.settings.effectors_from + 1
+    x.mixed[0, i] = -2.0
+    for square, expected in ((0.0, -2.0), (4.0, -1.0), (math.inf, 0.0)):
+        x.square[0, i] = square
+        assert known_effect(x, 0, i) == pytest.approx(expected)
+    x.pending[0], x.square_before[0, i] = 1, 4.0
+    assert known_effect(x, 0, i) == pytest.approx(-1.0)
+    x.mixed[0, i] = 0.0
+    assert known_effect(x, 0, i) == 0.0
