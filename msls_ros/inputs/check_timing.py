@@ -7,13 +7,18 @@ from collections.abc import Iterator
 import numpy as np
 
 from msls_ros.estimation import Configuration
+from msls_ros.inputs.derivatives import usual_intervals
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.input_map import InputMap
+from msls_ros.inputs.input_plan import plan
 from msls_ros.inputs.series import Record, Series, TopicTimes
 
 _SLOW, _TOO_SLOW = 20.0, 8.0
 """Rates of a servo record below which B is doubtful, and wrong: rigid-body modes are at 0.5 to 3 Hz [Hz]."""
 _RATE_OFF, _RATE_WRONG = 0.1, 0.5
 """Deviation of the clock's rate from sample_rate, as a share."""
+_SHORT = 0.7
+"""Share of the usual window of derivatives below which one is short: the noise is 1.7 times as large."""
 _EFFECTORS = "effectors."
 
 
@@ -62,9 +67,19 @@ def check_rates(record: Record, configuration: Configuration) -> Iterator[Findin
             what = f"the clock {inputs.topics[inputs.clock].topic} comes at {rate:.3g} Hz, sample_rate is "
             what += f"{configuration.sample_rate:g} Hz"
             yield Finding(level, "sample_rate", "sample_rate", what, f"sample_rate: {rate:.3g}")
+        yield from _check_window(inputs, configuration, rate)
     for name, series in record.series.items():
         if name not in inputs.compared:
             yield from _check_age(name, series, rate)
+
+
+def _check_window(inputs: InputMap, configuration: Configuration, rate: float) -> Iterator[Finding]:
+    usual = usual_intervals(configuration.sample_rate)
+    made = "differentiated" in plan(inputs, configuration.states, configuration.effectors).values()
+    if made and 0 < inputs.intervals < _SHORT * usual:
+        what = f"derivatives are made in a window of {inputs.intervals / rate:.2g} s: sensor noise in them is "
+        what += f"{(usual / inputs.intervals) ** 1.5:.2g} times that of the usual one, of {usual} intervals"
+        yield Finding(DOUBTFUL, "window", "inputs.intervals", what, "intervals: 0")
 
 
 def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:

@@ -261,6 +261,7 @@ WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
     ),
     "maximum_age shorter than a period": (lambda: look({"maximum_age": 0.015}), "maximum_age: 0.03"),
     "sample_rate of another clock": (lambda: look({}, sample_rate=50.0), "sample_rate: 100"),
+    "window of derivatives of another rate": (lambda: look({"intervals": 4}), r"0.04 s: .* 4 times .* intervals: 0"),
     "speed of another aircraft": (lambda: look({}, reference_speed=180.0), "reference_speed: 18"),
     "servos late": (lambda: look({}, of("/joint_states", "header")(later(0.15))), "before the surfaces|after the surf"),
     "delay with the wrong sign": (
@@ -344,7 +345,12 @@ WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
 }  # fmt: skip
 
 
-DOUBTED = ("speed of another aircraft", "wind not taken off", "airspeed beside a velocity in knots")
+DOUBTED = (
+    "window of derivatives of another rate",
+    "speed of another aircraft",
+    "wind not taken off",
+    "airspeed beside a velocity in knots",
+)
 """Of these the numbers are right, or right but for their unit."""
 
 
