@@ -23,9 +23,12 @@ it half-way: a third of it shows. So predictions are by the estimates of a whole
 moved since, and as the errors of one window go together, q_l is that of fewer independent ones: by the autocorrelation
 of white noise that has passed it, for slopes and for smoothed values (`bank_settings.independent_squares`).
 
-Slopes of rates are noisy, but their sum is a difference of two rates, while an effector that has lost its effect is
-held for longer than a sample. So of rows that are differentiated the mean prediction error over a window is looked at
-too, with its sign, against what it is usually, and no less is allowed for model error than above::
+Slopes of rates are noisy, but their sum is a difference of two rates, and other noise averages as well, while an
+effector that has lost its effect is held for longer than a sample. So of rows of angular rates the mean prediction
+error over a window is looked at too, with its sign, against what it is usually, and no less is allowed for model error
+than above (as measured, F-16, seeds 100 to 119: of 20 half stabilators at medium noise 9 are seen within a second and
+18 named, 6 and 16 without; at low noise after .08 s at worst, .7 s without; made-up linear aircraft, seeds 3000 to
+3119: 31 of 62 losses within 3 s, 29 without, 12 false alarms either way)::
 
     T = max_l  (mean_l e)^2 / ( max(t^2 base_l, q_l mean_l moved_k) + q_l floor^2 energy )
 
@@ -240,7 +243,7 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, moved: flo
 
 @compiled
 def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, moved: float, unknown: float) -> float:
-    """Return the statistic of the mean prediction errors of row q, armed and differenced, with the one of now."""
+    """Return the statistic of the mean prediction errors of row q, armed and of a rate, with the one of now."""
     size = x.ring.shape[1]
     total = signed
     allowed = moved
@@ -273,7 +276,7 @@ def student_square(square: float, free: float) -> float:
 
 @compiled
 def remember_mean(s: BankSettings, x: BankState, q: int, signed: float) -> None:
-    """Push a prediction error of a differenced row into its window; means that leave it enter the usual ones."""
+    """Push a prediction error of a rate's row into its window; means that leave it enter the usual ones."""
     size = x.ring.shape[1]
     slot = x.counted[q] % size
     sums = x.mean_base[q]

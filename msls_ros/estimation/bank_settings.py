@@ -203,7 +203,7 @@ def make_bank_settings(
         detect=detect,
         windows=np.array(WINDOWS, np.int64),
         quantiles=_quantiles(len(scale), straddle, differenced),
-        differenced=np.array([int(straddle > 0 and row in differenced) for row in range(len(scale))], np.int64),
+        differenced=np.array([int(row in differenced) for row in range(len(scale))], np.int64),
         mean_forgetting=max(1.0 - period / MEAN_BASE, 0.0),
         threshold=threshold,
         floor=FLOOR,
