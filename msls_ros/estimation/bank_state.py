@@ -58,7 +58,7 @@ class BankSettings(NamedTuple):
     windows: Integers
     """(w,) samples over which squared prediction errors are averaged, rising."""
     differenced: Integers
-    """(r,) 1 where outputs are differences of their own states, over windows: the noise of their sum cancels."""
+    """(r,) 1 of rows of angular rates: means of their prediction errors are looked at, see `bank_detection`."""
     mean_forgetting: float
     """Forgetting factor of what means of their prediction errors are usually [1]."""
     quantiles: Array

@@ -119,3 +119,23 @@ def test_squared_noise_through_a_window_averages_as_so_many_independent_squares(
         means = np.convolve(squares, np.ones(length) / length, "valid")
         number = independent_squares(length, np.array(weights))
         assert 2.0 / float(np.var(means)) == pytest.approx(number, rel=0.1), length
+
+
+@pytest.mark.parametrize("seed", [95, 96, 97])
+def test_a_loss_of_a_few_standard_deviations_is_seen_in_the_mean_of_what_is_measured(seed: int) -> None:
+    """Half of an effect that is held is four standard deviations of the noise: squares of errors saw none of these."""
+    n = 1200
+    time = PERIOD * np.arange(n, dtype=np.float64)
+    delta = np.stack([0.1 * np.sign(np.sin(2.0 * time)), 0.05 * np.sin(3.1 * time)], axis=1)
+    delta[FAULT - 100 :, 0] = 0.1
+    effect = np.where(np.arange(n) < FAULT, 8.0, 4.0)
+    x, xdot = np.zeros((n, 3)), np.zeros((n, 3))
+    for k in range(n):
+        push = np.array([effect[k] * delta[k, 0], -4.0 * delta[k, 1], delta[k, 0]])
+        xdot[k] = push - np.array([3.0, 2.0, 1.0]) * x[k]
+        if k + 1 < n:
+            x[k + 1] = x[k] + PERIOD * xdot[k]
+    read = xdot + 0.1 * math.sqrt(3.0) * uniform(n, 3, seed)
+    run = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD})).run(time, x, read, delta)
+    found = [v.time for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
+    assert len(found) == 1 and 0.0 <= found[0] - PERIOD * FAULT < 0.3
