@@ -170,7 +170,9 @@ def test_a_linear_system_stays_the_same_system_under_the_window_however_uneven_t
     assert np.max(np.abs(others / [-3.0, 5.0] - 1.0)) > 0.05
 
 
-@pytest.mark.parametrize(("rate", "intervals"), [(10.0, 4), (25.0, 4), (50.0, 5), (100.0, 10), (400.0, 40)])
+@pytest.mark.parametrize(
+    ("rate", "intervals"), [(10.0, 4), (25.0, 4), (50.0, 5), (100.0, 10), (400.0, 40), (1e5, 1000)]
+)
 def test_a_window_is_a_tenth_of_a_second_unless_it_is_said(rate: float, intervals: int) -> None:
     assert adapter({"derivatives": {}}, sample_rate=rate).straddle == intervals
     assert adapter({"derivatives": {}, "intervals": 3}, sample_rate=rate).straddle == 3
