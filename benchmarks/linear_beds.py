@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
+from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier, from_mapping
 from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 
 Array = NDArray[np.float64]
@@ -180,6 +180,12 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
     return np.arange(n) / one.rate, seen, slopes, moved
 
 
+def configure(one: Linear) -> Configuration:
+    """Return what the identifier is given: names and rate, nothing else."""
+    names = {"states": one.states, "effectors": one.effectors, "known_gravity": False, "estimator.method": "bank"}
+    return from_mapping({**names, "sample_rate": float(one.rate)})
+
+
 def differentiate(one: Linear, flight: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
     """Return a flight as mapped inputs give it where no derivative of a rate is measured."""
     time, x, slopes, moved = flight
@@ -197,8 +203,7 @@ def judge(job: tuple[int, str]) -> Row:
     seed, path = job
     random = np.random.default_rng(seed)
     one = draw(random)
-    names = {"states": one.states, "effectors": one.effectors, "known_gravity": False, "estimator.method": "bank"}
-    configuration, flight = from_mapping({**names, "sample_rate": float(one.rate)}), fly(one, random)
+    configuration, flight = configure(one), fly(one, random)
     straddle = 0 if path == "direct" else usual_intervals(one.rate)
     samples = differentiate(one, flight) if straddle else flight
     estimates = Identifier(configuration, straddle).run(*samples).estimates

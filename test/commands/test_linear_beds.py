@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.linear_beds import PATHS, PHASES, differentiate, draw, fly, judge, render
-from msls_ros.estimation import EventKind, Identifier, from_mapping
+from benchmarks.linear_beds import PATHS, PHASES, configure, differentiate, draw, fly, judge, render
+from msls_ros.estimation import EventKind, Identifier
 from msls_ros.inputs.derivatives import usual_intervals
 
 
@@ -45,11 +45,8 @@ def test_an_effector_that_has_only_followed_a_rate_does_not_end_the_estimate() -
     """Noise-free: its effect on v, put in step with the moments by itself, went to 7e8 in half a second."""
     random = np.random.default_rng(2040)
     one = draw(random)
-    configuration = from_mapping(
-        {"states": one.states, "effectors": one.effectors, "known_gravity": False, "sample_rate": float(one.rate)}
-    )
     time, x, slopes, moved = (part[: 20 * one.rate] for part in differentiate(one, fly(one, random)))
-    found = Identifier(configuration, usual_intervals(one.rate)).run(time, x, slopes, moved)
+    found = Identifier(configure(one), usual_intervals(one.rate)).run(time, x, slopes, moved)
     assert not [e for one in found.estimates for e in one.events if e.kind == EventKind.RESET]
     np.testing.assert_allclose(found.estimates[-1].b[1, 0], one.b[1, 0], rtol=0.1)
 
