@@ -11,19 +11,23 @@ corrected for autocorrelation, and of model error, `FLOOR`. Then::
     c = sum(c_q / v_q) / sum(1 / v_q),      z = -c / sqrt(1 / sum(1 / v_q) + tolerance^2)
 
 ``R'R D`` is what the member's residuals by the old estimates have in common with the regressors: the matched filter of
-the loss, all else being what it was. A loss is seen when, for as long as the shortest member remembers, z exceeds its
-limit (for half as long, where z is larger still) and c is the loss of a good part, explains most of all that has
-changed (``sum D' R'R D / n``), and more than any other surface and than any single state would. Only what has a
-direction of its own alarms: model errors that no surface explains do not.
+the loss, all else being what it was. A loss is seen when, for a while, z exceeds its limit (for half as long, where z
+is larger still) and c is the loss of a good part, explains most of all that has changed (``sum D' R'R D / n``), and
+more than any other surface and than any single state would. Only what has a direction of its own alarms: model errors
+that no surface explains do not. What noise in the states makes of D, `bank_noise_moves` takes off first.
+
+Several memories are looked at, each with its own limits (`bank_settings.LOSSES`): after a loss that only dither shows c
+grows as ``1 - exp(-t / memory)`` of it, so a short one says most of it soon, where there is little noise, and a long
+one averages more.
 
 An error e of the reference, as a share of the effect, makes a share s into ``s / (1 + e)``: to take a whole effect for
 half of one it must be 1, and not a half. So the relative standard error counts ``1 + c`` times.
 
 What of a row's change no surface explains, the least ``D'R'R D - (a_q'R'R D)^2 / a_q'R'R a_q`` over its ``p - 2``
-degrees of freedom, is another estimate of its noise, and holds what innovations do not: gusts that last as long as the
-member remembers move all estimates of a row. An alarm takes the larger of the two; a test of F in place of one of
-chi-square. What of the output is model error goes with the energy that it has in what the member remembers: where
-dither is all that moves, that is little, and so is the error.
+degrees of freedom (less those that noise in the states has taken), is another estimate of its noise, and holds what
+innovations do not: gusts that last as long as the member remembers move all estimates of a row. An alarm takes the
+larger of the two; a test of F in place of one of chi-square. What of the output is model error goes with the energy
+that it has in what the member remembers: where dither is all that moves, that is little, and so is the error.
 
 The innovations are the member's own: what its walking constant follows is no noise in its estimates. An estimate that
 has moved within a second before is no reference: the square of that is in its error.
@@ -41,21 +45,14 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_effector_noise import resting_noise
+from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
 LIMIT = 4.0
-"""Standard errors by which an effect must be less than before, for as long as the shortest member remembers."""
-SURE = 5.5
-"""And for half as long: a burst of gusts passes within what a member remembers, a loss stays.
-
-32 intact flights of 300 s of the F-16, moderate air, none and low noise, seeds 904 to 911, as measured and through
-windows: no false alarm of these tests; 9 with 4.5 for three tests. 136 runs of losses (F-16 seeds 811 and 812, others
-1 and 811): 127 seen within 3 s both ways, 109 instead of 112 within one. Of 3.5 to 4.3 for 8 to 15 tests at 50 Hz
-beside 5 to 7 for 3 to 6 none has both fewer false alarms and more losses seen, nor have limits of the sum of z^2.
-"""
+"""Standard errors at which what is published of a loss reaches the detector's threshold."""
 EVERY = 2
 """It is tested at every so manieth sample."""
 LEAST, MOST = 0.25, 1.3
@@ -134,13 +131,13 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
         slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
         before, square = x.kept_theta[slot], x.kept_square[slot]
         excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, work)
-        k = find_loss(work, excess)
+        k = find_loss(work, excess, s.loss_limits[a, 0])
         if k < 0 or k != x.suspect[a]:
             x.run[a] = 0
         x.suspect[a] = k
         x.run[a, 0] += 1 if k >= 0 else 0
-        x.run[a, 1] = x.run[a, 1] + 1 if k >= 0 and work.deviation[k] > SURE else 0
-        if x.run[a, 0] >= s.persistence or 2 * x.run[a, 1] >= s.persistence:
+        x.run[a, 1] = x.run[a, 1] + 1 if k >= 0 and work.deviation[k] > s.loss_limits[a, 1] else 0
+        if x.run[a, 0] >= s.loss_tests[a] or 2 * x.run[a, 1] >= s.loss_tests[a]:
             for q in range(x.group.shape[0]):
                 gain = work.change[k] * work.change[k] * work.information[q, k]
                 work.concerned[q] = 1 if gain > 1.0 else 0
@@ -154,8 +151,11 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
 
 
 @compiled
-def find_loss(work: BankWork, excess: float) -> int:
-    """Return the surface whose loss explains what changed, after `compare_surfaces`; negative: none does."""
+def find_loss(work: BankWork, excess: float, limit: float) -> int:
+    """Return the surface whose loss explains what changed, after `compare_surfaces`; negative: none does.
+
+    Its effect must have changed by more than ``limit`` standard errors.
+    """
     best = 0
     second = 0.0
     for k in range(1, work.change.shape[0]):
@@ -165,7 +165,7 @@ def find_loss(work: BankWork, excess: float) -> int:
         if k != best and work.explained[k] > second:
             second = work.explained[k]
     least = max(max(EXPLAINED * excess, second + APART), max(second / RIVAL, work.by_state[0]))
-    if work.explained[best] <= least or work.deviation[best] <= LIMIT:
+    if work.explained[best] <= least or work.deviation[best] <= limit:
         return -1
     return best if -MOST <= work.change[best] <= -LEAST else -1
 
@@ -250,17 +250,20 @@ def compare_surfaces(
         if x.group[q] != prepared:
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
+            find_noise_moves(s, x, prepared, m, work)
         for j in range(1, p):
             work.difference[j] = x.members[q, j, m] - before[q, j]
-        changed = 0.0
         for i in range(1, p):
             total = 0.0
             for j in range(i, p):
                 total += work.factor[i, j] * work.difference[j]
             work.w[i] = total
-            changed += total * total
+        fitted = take_off_noise(s, x, before, q, m, work)
+        changed = 0.0
+        for i in range(1, p):
+            changed += work.w[i] * work.w[i]
         if scattered:
-            n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2, 1)))
+            n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted, 1)))
         excess += changed / n - 0.5 * (p - 1)
         explain_by_states(s, n, work)
         for k in range(s.gains.shape[0]):

@@ -142,10 +142,14 @@ class BankSettings(NamedTuple):
     """(a,) members whose estimates are compared with older ones, see `bank_losses`."""
     loss_delays: Integers
     """(a,) by how much older, in strides."""
+    loss_tests: Integers
+    """(a,) how many times in a row each must see a loss."""
+    loss_limits: Array
+    """(a, 2) by how many standard errors, so many times, and half as many [1]."""
     stride: int
     """Samples between estimates that are kept for that."""
     persistence: int
-    """How many times in a row a loss must be seen."""
+    """Samples of which regressors and outputs are kept, for the mean that an effect is changed about."""
     batches: Integers
     """(k,) samples of the batches of which the estimates' moves are taken, see `bank_batches`."""
     batch_factor: Array
@@ -496,6 +500,8 @@ class BankWork(NamedTuple):
     """(p, p) of one member."""
     steps: Array
     """(k, p) the direction of each surface's loss in it, its squared length first."""
+    noise_moves: Array
+    """(p, p) by state, which way noise in it moves the estimates there, see `bank_noise_moves`."""
 
 
 def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
@@ -665,6 +671,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
             np.zeros(p),
             np.zeros((p, p)),
             np.zeros((k, p)),
+            np.zeros((p, p)),
         ),
     )
 

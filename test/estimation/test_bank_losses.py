@@ -15,8 +15,6 @@ from msls_ros.estimation.bank_losses import (
     EVERY,
     KNOWN,
     KNOWN_WELL,
-    LIMIT,
-    SURE,
     TOLERANCE,
     compare_surfaces,
     find_loss,
@@ -28,8 +26,8 @@ from msls_ros.estimation.surfaces import read_surfaces
 
 Flight = tuple[Array, Array, Array, Array]
 FAULT = 250
-LONG = 10
-"""Tests in the memory of the shortest member."""
+KEPT = 10
+"""Samples about whose mean an effect is changed."""
 NOISE = 0.5
 """As large as what half of the effector does to P."""
 
@@ -99,14 +97,19 @@ def test_nothing_is_alarmed_where_nothing_breaks() -> None:
         assert events_of(Identifier(from_mapping(SMALL)), noisy(seed, left=1.0)) == []
 
 
-def test_a_loss_is_alarmed_when_it_has_been_seen_as_long_as_the_shortest_member_remembers() -> None:
+def test_a_loss_is_alarmed_when_a_member_has_seen_it_for_as_long_as_its_limits_say() -> None:
     """Or, where it is far beyond the limit, half as long; at once then, and never sooner."""
-    assert 0.4 / PERIOD / EVERY == LONG
-    how = set()
+    how: set[bool] = set()
     for seed in range(100, 140, 4):
         identifier = Identifier(from_mapping(SMALL))
         engine = engine_of(identifier)
-        seen: list[list[float]] = [[] for _ in engine.settings.loss_members]
+        s = engine.settings
+        limits = [
+            (int(tests), float(low), float(high))
+            for tests, (low, high) in zip(s.loss_tests, s.loss_limits, strict=True)
+        ]
+        assert [tests for tests, _, _ in limits] == [10, 3, 5, 10]
+        seen: list[list[float]] = [[] for _ in limits]
         for sample in zip(*noisy(seed), strict=True):
             identifier.learn(*sample)
             if identifier.alarms:
@@ -115,12 +118,14 @@ def test_a_loss_is_alarmed_when_it_has_been_seen_as_long_as_the_shortest_member_
                 for a, one in enumerate(seen):
                     one.append(loss_of(engine, a))
         assert identifier.alarms and engine.state.samples[0] > FAULT
-        for one in seen:
-            for end in range(LONG, len(one) + 1):
-                assert min(one[end - LONG : end]) <= LIMIT and min(one[end - LONG // 2 : end]) <= SURE
-        long, sure = (max(min(one[-k:]) for one in seen) for k in (LONG - 1, LONG // 2 - 1))
-        assert long > LIMIT or sure > SURE
-        how.add(long > LIMIT)
+        due = []
+        for one, (tests, low, high) in zip(seen, limits, strict=True):
+            half = (tests + 1) // 2
+            for end in range(tests, len(one) + 1):
+                assert min(one[end - tests : end]) <= low and min(one[end - half : end]) <= high
+            due.append((min(one[1 - tests :]) > low, min(one[1 - half :]) > high))
+        assert any(long or sure for long, sure in due)
+        how.update(long for long, _ in due)
     assert how == {True, False}
 
 
@@ -133,7 +138,7 @@ def loss_of(engine: BankRegression, a: int) -> float:
     slot = (x.kept[0] - 1 - back) % len(x.kept_theta)
     work.concerned[:] = 1
     excess = compare_surfaces(s, x, a, x.kept_theta[slot], x.kept_square[slot], KNOWN_WELL, True, work)
-    return float(work.deviation[0]) if find_loss(work, excess) == 0 else 0.0
+    return float(work.deviation[0]) if find_loss(work, excess, float(s.loss_limits[a, 0])) == 0 else 0.0
 
 
 def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ever_seen() -> None:
@@ -191,9 +196,9 @@ def test_forgetting_a_direction_adds_to_the_covariance_along_it_and_nothing_else
     identifier.run(*flight)
     engine = engine_of(identifier)
     s, x, R = engine.settings, engine.state, engine.state.R[0].copy()
-    assert len(x.last_phi) == LONG
+    assert len(x.last_phi) == KEPT
     mean = mean_deflection(s, x, 0)
-    assert mean == pytest.approx(flight[3][-LONG:, 0].mean(), rel=1e-12)
+    assert mean == pytest.approx(flight[3][-KEPT:, 0].mean(), rel=1e-12)
     precision, direction = 0.3, np.array([-mean, 0.0, 0.0, 0.0, 1.0, 0.0])
     for m in range(R.shape[2]):
         before = np.linalg.inv(R[:, :, m].T @ R[:, :, m])
@@ -209,8 +214,8 @@ def test_a_loss_moves_the_effect_and_the_constants_meet_the_last_samples() -> No
     identifier.run(*flight)
     engine = engine_of(identifier)
     s, x, work = engine.settings, engine.state, engine._work
-    phi = np.column_stack((np.ones(LONG), flight[1][-LONG:], flight[3][-LONG:]))
-    y = flight[2][-LONG:, 0]
+    phi = np.column_stack((np.ones(KEPT), flight[1][-KEPT:], flight[3][-KEPT:]))
+    y = flight[2][-KEPT:, 0]
     x.theta_before[:] = x.mixed
     work.concerned[:] = [1, 0, 0]
     before, members = x.mixed.copy(), x.members.copy()
@@ -231,7 +236,7 @@ def test_what_constants_have_followed_is_no_evidence_against_a_loss() -> None:
     for seed in range(100, 180, 4):
         estimates = Identifier(from_mapping(SMALL)).run(*noisy(seed, 0.0, noise=0.3, trim=0.25, ramp=150)).estimates
         alarm = next(k for k, e in enumerate(estimates) if any(v.kind == EventKind.DETECTED for v in e.events))
-        then = alarm + LONG
+        then = alarm + KEPT
         if then < len(estimates):
             off.append(estimates[then].b[0, 0] - 8.0 * max(1.0 - (then - FAULT + 1) / 150, 0.0))
     assert len(off) >= 18
