@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -64,9 +65,30 @@ COLOUR_MEMORY = 4.0
 """[s]"""
 LEARNING = 1.0
 """After a first excitation [s]; the longest window of the detector besides."""
-LOSSES = ((0.4, 1.0, 0.4, 4.0, 5.5), (0.1, 1.0, 0.1, 5.5, 7.0), (0.2, 1.0, 0.2, 4.7, 6.2), (1.5, 3.0, 0.4, 4.0, 5.5))
-"""Memories in which losses of surfaces are looked for, by how much older what they are compared with is [s], for how
-long a loss must be seen [s], and by how many standard errors: for so long, and for half of that.
+
+
+class Look(NamedTuple):
+    """A memory in which losses of surfaces are looked for, see `bank_losses`."""
+
+    memory: float
+    """[s]"""
+    back: float
+    """By how much older what it is compared with is [s]."""
+    stands: float
+    """For how long a loss must be seen [s]."""
+    limit: float
+    """By how many standard errors, for so long."""
+    sure: float
+    """And by how many for half of that."""
+
+
+LOSSES = (
+    Look(0.4, 1.0, 0.4, 4.0, 5.5),
+    Look(0.1, 1.0, 0.1, 5.5, 7.0),
+    Look(0.2, 1.0, 0.2, 4.7, 6.2),
+    Look(1.5, 3.0, 0.4, 4.0, 5.5),
+)
+"""The first is the shortest at any rate and through windows; names compare it with the last.
 
 Of .4 and 1.5 s: 32 intact flights of 300 s of the F-16, moderate air, none and low noise, seeds 904 to 911, as measured
 and through windows: no false alarm of these tests; 9 with 4.5 for three tests. 136 runs of losses (F-16 seeds 811 and
@@ -118,7 +140,7 @@ def bank_grid(memories: Sequence[float], held: Sequence[float], axes: int = 1) -
     free = [(tau, pi, kappa, FREE) for tau in memories for pi in PRIORS for kappa in DRIFTS]
     walks = [(tau, kappa) for tau in held for kappa in (DRIFTS if tau == min(held) else DRIFTS[:-1])]
     kept = [(tau, PRIORS[0], kappa, 1 + axis) for axis in range(axes) for tau, kappa in walks]
-    return free + kept + [(one[0], PRIORS[-1], 1.0, APART) for one in LOSSES if one[0] not in memories]
+    return free + kept + [(one.memory, PRIORS[-1], 1.0, APART) for one in LOSSES if one.memory not in memories]
 
 
 def make_bank_settings(
@@ -185,8 +207,9 @@ def make_bank_settings(
     axis = np.maximum(kind - 1, 0).astype(np.int64)
     mixes = (kind == FREE) | ((kind > FREE) & (axis == row_axis[:, None]))
     mixes[:, len(grid) :] = False
-    losses = [one for one in LOSSES if one[0] >= LOSSES[0][0] or (straddle == 0 and one[0] >= (FEWEST - 0.5) * period)]
-    near = [_nearest(grid, one[0]) for one in losses]
+    least = LOSSES[0].memory if straddle > 0 else min((FEWEST - 0.5) * period, LOSSES[0].memory)
+    losses = [one for one in LOSSES if one.memory >= least]
+    near = [_nearest(grid, one.memory) for one in losses]
     late = max(1, round(LATE / period))
     quick = QUICK + straddle * period
     ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
@@ -264,11 +287,11 @@ def make_bank_settings(
         gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
         loss_members=np.array(near, np.int64),
-        loss_delays=np.array([max(1, round(one[1] / period / stride)) for one in losses], np.int64),
-        loss_tests=np.array([max(3, round(one[2] / (EVERY * period))) for one in losses], np.int64),
-        loss_limits=np.array([one[3:] for one in losses]),
+        loss_delays=np.array([max(1, round(one.back / period / stride)) for one in losses], np.int64),
+        loss_tests=np.array([max(3, round(one.stands / (EVERY * period))) for one in losses], np.int64),
+        loss_limits=np.array([(one.limit, one.sure) for one in losses]),
         stride=stride,
-        persistence=max(3, round(LOSSES[0][0] / (EVERY * period))),
+        persistence=max(3, round(LOSSES[0].memory / (EVERY * period))),
         batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
         batch_factor=np.array([factor for _, factor in BATCHES]),
         followed_row=-1,

@@ -26,7 +26,7 @@ _REASONS = {
 
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
-MEMORY = LOSSES[-1][0]
+MEMORY = LOSSES[-1].memory
 """Of the member that says what is left [s]."""
 
 
