@@ -50,8 +50,8 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_attenuation import doubt
-from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry
-from msls_ros.estimation.bank_energy import observe_novelty
+from msls_ros.estimation.bank_effector_noise import MEDIAN, observe_answer, observe_entry
+from msls_ros.estimation.bank_energy import FIRST, observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import exponential
@@ -203,12 +203,23 @@ def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
 
 
 @compiled
+def first_limit(s: BankSettings, x: BankState, i: int) -> float:
+    """Square from which a deflection that no output has ever answered is motion: noise never reaches it."""
+    if not s.effectors_from < i <= s.effectors_to:
+        return 0.0
+    return float(FIRST * x.third_median[i - s.effectors_from - 1] / MEDIAN)
+
+
+@compiled
 def moved_square(s: BankSettings, x: BankState, q: int) -> float:
     """Squared error that row q's standard errors allow the motion since they were made (`BankState.quick`)."""
     total = 0.0
     for i in range(1, x.quick.shape[0]):
-        if x.quick[i] * x.quick[i] > noise_limit(s, x, i):
+        most = noise_limit(s, x, i)
+        if x.quick[i] * x.quick[i] > most:
             square = x.square_moved[q, i]
+            if x.quick[i] * x.quick[i] > first_limit(s, x, i):
+                square *= doubt(s, x, i)
             if x.alert[0] > 0:
                 square = min(square, x.square_past[1, q, i])
             total += x.quick[i] * x.quick[i] * square
