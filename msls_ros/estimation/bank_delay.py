@@ -129,6 +129,7 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
             x.cross[q, j] = 0.0
             x.white_cross[q, j] = 0.0
             x.white_power[q, j] = 0.0
+            x.white_answered[q, j] = 0.0
 
 
 @compiled

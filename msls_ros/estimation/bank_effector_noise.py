@@ -169,11 +169,17 @@ def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, 
     error = y
     for i in range(phi.shape[0]):
         error -= theta[i] * phi[i]
+    residual = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else 0.0
     for j in range(x.white.shape[0]):
         answer = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
         last, x.white_answer[q, j] = x.white_answer[q, j], answer
+        used = answer if s.straddle > 0 else last
+        usual = median_of(x.white_answered[q, j], used / math.sqrt(expected), MEDIAN * residual, 1)
+        x.white_answered[q, j] = usual
+        most = math.sqrt(EDGE / MEDIAN * usual * expected)
+        used = min(max(used, -most), most)
         white = x.white[j] / expected
-        x.white_cross[q, j] = s.colour_forgetting * x.white_cross[q, j] + (answer if s.straddle > 0 else last) * white
+        x.white_cross[q, j] = s.colour_forgetting * x.white_cross[q, j] + used * white
         x.white_power[q, j] = s.colour_forgetting * x.white_power[q, j] + x.white[j] * white
 
 

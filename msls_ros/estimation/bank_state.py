@@ -349,6 +349,8 @@ class BankState(NamedTuple):
     """(r, c) weighted sums of that times these."""
     white_power: Array
     """(r, c) of their squares."""
+    white_answered: Array
+    """(r, c) median square of what outputs did, over what is expected of their errors."""
     suspected: Integers
     """(c,) whether the effector's loss may have made the last alarm."""
     unanswered: Array
@@ -604,6 +606,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         white_answer=np.zeros((rows, effectors)),
         white_cross=np.zeros((rows, effectors)),
         white_power=np.zeros((rows, effectors)),
+        white_answered=np.zeros((rows, effectors)),
         suspected=np.zeros(effectors, np.int64),
         unanswered=np.zeros(effectors),
         states=np.zeros((3, rows)),
