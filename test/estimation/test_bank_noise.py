@@ -111,6 +111,22 @@ def test_its_first_input_is_learnt_and_not_alarmed() -> None:
     assert not [v for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_a_first_input_that_begins_softly_is_learnt_and_not_alarmed(seed: int) -> None:
+    """A servo lets the output answer before the deflection is further than the noise of its sensor."""
+    n = REST + 150
+    time: Array = PERIOD * np.arange(n, dtype=np.float64)
+    x, delta = 0.05 * uniform(n, 3, 81 + seed), 0.02 * uniform(n, 2, 91 + seed)
+    begun = np.maximum(time - time[REST], 0.0)
+    delta[:, 0] = 0.1 * (1.0 - (1.0 + 4.0 * begun) * np.exp(-4.0 * begun))
+    xdot = 0.004 * uniform(n, 3, 101 + seed) - x
+    xdot[:, 0] += 4.0 * EFFECT * delta[:, 0]
+    xdot[:, 1] += -4.0 * delta[:, 1]
+    read = delta + 0.0004 * uniform(n, 2, 111 + seed)
+    run = Identifier(from_mapping(SMALL)).run(time, x, xdot, read)
+    assert not [v for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
+
+
 def test_an_effector_that_follows_a_noisy_state_is_not_known_by_that_noise() -> None:
     """Beyond the state there is nothing in it but the noise of the state's own sensor."""
     _, run, _ = fly(0.0, coupled=0.5)
