@@ -189,6 +189,8 @@ def find_noise(s: BankSettings, x: BankState) -> None:
     for j in range(x.white.shape[0]):
         most = 0.0
         for q in range(x.white_cross.shape[0]):
+            if s.straddle > 0 and s.differenced[q] == 0:
+                continue
             if x.residual[q, 0] > 0.0 and x.white_power[q, j] > 0.0:
                 variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1] * x.white_power[q, j]
                 most = max(most, x.white_cross[q, j] * x.white_cross[q, j] / variance)
