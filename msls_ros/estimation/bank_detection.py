@@ -15,8 +15,11 @@ output had when it was excited (`bank_energy`): model errors go with the manoeuv
 quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor can be low. ``d`` is
 that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
 what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
-five times as far as ever before. Where one goes twice as far as usual, the error that its own standard error allows is
-added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
+five times as far as ever before. Of an effector that no output has answered yet (`bank_attenuation.doubt`) nothing is
+known: where it goes five times as far as in the last seconds its errors excuse whatever it does, and where it goes two
+and a half times as far an alarm waits for the next sample. Where one goes twice as far as usual, the error that its own
+standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise
+level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has

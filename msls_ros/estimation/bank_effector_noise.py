@@ -12,9 +12,10 @@ that noise can be::
 It is that while no output answers: the sum over seconds of second differences times what a row's output does by the
 effector and beyond the model, in their middle, is within `ANSWERED`; nothing from twice that on. What an output
 answers, as dither, is motion. (Second differences hold .8 of the noise in their middle and are in phase with what
-oscillates. Through windows they hold motion too; there it is third ones, and the output at their end. Edges, which
-hide for seconds what is noise, are left out.) A sensor's noise does not end when the effector moves: where a loss is
-looked for, it stays what it was (`resting_noise`).
+oscillates. Through windows they hold motion too; there it is third ones, and the output at their end, of rates alone:
+one step ahead a window leaves next to nothing of others. Edges, which hide for seconds what is noise, are left out;
+what an output does counts no more than three times what it usually does, for one step of it answered noise for 20 s.) A
+sensor's noise does not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
 
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares

@@ -24,7 +24,7 @@ estimate is kept with its error, time and place in the envelope, and serves as l
     kept_i^2 = best_i^2 + (theta_i - theta_best_i)^2 + (theta_best_i |place - place_best| / reach)^2
     se_i = min(now_i, kept_i)
 
-To both is added half of the square by which the member that remembers the last second and a half contradicts the
+To both is added a quarter of the square by which the member that remembers the last second and a half contradicts the
 estimate beyond two of its standard errors: what dither alone shows of a change counts little in the evidence, but it
 must not be hidden.
 

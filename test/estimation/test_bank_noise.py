@@ -195,6 +195,34 @@ def test_smooth_motion_through_a_window_is_no_noise() -> None:
     assert max(state_noise(engine.settings, engine.state, j, 0.0) for j in range(3)) < 0.0002**2
 
 
+def test_an_output_that_has_passed_the_window_itself_does_not_answer_the_noise_of_a_resting_effector() -> None:
+    """An accelerometer in gusts, 100 Hz: its errors one step ahead are next to nothing, those of old estimates not."""
+    n, period = 2000, 0.01
+    time: Array = period * np.arange(n, dtype=np.float64)
+    gust, pitch = np.zeros(n), np.zeros(n)
+    fresh, noise = uniform(n, 2, 95), uniform(n, 4, 96)
+    for k in range(1, n):
+        gust[k] = 0.985 * gust[k - 1] + 0.1 * fresh[k, 0]
+        pitch[k] = pitch[k - 1] + period * (0.2 * gust[k - 1] - 2.0 * pitch[k - 1])
+    moved = np.where(time < 2.0, 0.05 * np.sin(3.0 * time), 0.0)
+    pitch += np.convolve(moved, 4.0 * period * np.exp(-2.0 * time))[:n]
+    read = np.stack([period * np.cumsum(gust), pitch, gust, moved], axis=1)
+    read += noise * np.array([0.02, 0.0005, 0.01, 0.0002])
+    window = DerivativeFilter(10, 4, 10**9)
+    found = [window.push(round(t * 1e9), row) for t, row in zip(time, read, strict=True)]
+    kept = [one for one in found if one is not None]
+    smooth, slope = np.array([one.smooth for one in kept]), np.array([one.slope for one in kept])
+    derivatives = np.stack([smooth[:, 2], slope[:, 1]], axis=1)
+    names = {**SMALL, "states": ("w", "Q"), "effectors": ("de",), "sample_rate": 1.0 / period}
+    identifier, is_noise = Identifier(from_mapping(names), 10), []
+    left = float(np.std(smooth[600:, 3]))
+    for k, one in enumerate(kept):
+        identifier.learn(one.stamp * 1e-9, smooth[k, :2], derivatives[k], smooth[k, 3:])
+        if k >= 800 and k % 20 == 0:
+            is_noise.append(math.sqrt(noise_of(identifier)[0]) > 0.7 * left)
+    assert np.mean(is_noise) > 0.3, "gusts make the rate itself seem to answer half of the time; with both rows .1"
+
+
 def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0.0) -> float:
     """Return the standard deviation that is found in a state measured ``skew`` [s] after its derivative.
 
