@@ -47,10 +47,11 @@ UNLIKE = 0.5
 Before anything is seen of them; half of it changes no coverage by more than .01 on the seen beds (seed 811).
 """
 
-REALISED = 0.45
-"""Share of the variance by what is not known of delays that counts.
+REALISED, REALISED_THROUGH = 0.45, 0.65
+"""Share of the variance by what is not known of delays that counts; through windows.
 
-In full, 95 % of the errors were within .7 to 1.3 of a bar that this dominates (seed 811, all beds); now .6 to 1.9.
+With .65, 95 % of the errors were within 1.0 to 1.7 of a bar that this dominates (now .8 to 1.8), through windows .7 to
+2.3 (seeds 845 and 205, all beds).
 """
 
 
@@ -154,7 +155,8 @@ def find_late_square(s: BankSettings, x: BankState, q: int, products: Array) -> 
             common += x.mixed[q, s.effectors_from + 1 + j] * mean
             hidden += x.unlike[0, q, j] * mean * mean
             shown += x.unlike[1, q, j] * mean * mean
-        x.late_square[0, q, i] = REALISED * (x.delay[s.kind[q], 1] * common * common + hidden + shown)
+        square = x.delay[s.kind[q], 1] * common * common + hidden + shown
+        x.late_square[0, q, i] = (REALISED if s.straddle == 0 else REALISED_THROUGH) * square
         x.late_square[1, q, i] = shown
     if s.straddle > 0:
         for j in range(x.sensitivity.shape[1]):
