@@ -160,7 +160,8 @@ def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, 
     It is what the output does beyond the estimates by the regressor phi (p,), constant first: what these make of the
     noise in an effector is in both, and is none of what the output does. They are those from before all samples of the
     difference: those of now go with it, for members of a short memory have learnt from the noise in it. ``expected`` is
-    by what the square of the error is larger than that of the residual, for the estimates are not known yet.
+    by what the square of the error is larger than that of the residual, for the estimates are not known yet. What is
+    usual goes up and down by a half with a sample: it follows dither that begins, and no single step.
     """
     first = s.effectors_from + 1
     theta = x.mixed[q]
