@@ -47,7 +47,7 @@ Row = dict[str, Any]
 BAND = 1.96
 """Half of the 95 % band, in standard errors."""
 FIELDS = ("a", "b", "bias", "a_std", "b_std", "a_reliable", "b_reliable")
-DITHER = ("predicted_g_max", "predicted_g_rms", "realised_g_rms", "realised_of_limit_1s_max")
+DITHER = ("predicted_g_max", "predicted_g_rms", "realised_g_rms", "realised_of_limit", "realised_of_limit_1s_max")
 """What is kept of `dither_figures`; rms over the samples at the nominal level."""
 PROGRAMS = ("jsbsim", "numpy", "numba")
 """They decide a flight, beside our own code."""

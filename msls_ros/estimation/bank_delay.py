@@ -115,6 +115,9 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         x.unexplained[j] = 0.0
         x.third_floor[j] = 0.0
         x.unanswered[j] = 0.0
+        x.rest_energy[j] = 0.0
+        x.rest_evidence[:, j] = 0.0
+        x.dithered[j] = 0.0
         for k in range(x.quick_past.shape[0]):
             x.quick_past[k, j] = 0.0
         for k in range(x.recent.shape[0]):
@@ -130,6 +133,8 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
             x.white_cross[q, j] = 0.0
             x.white_power[q, j] = 0.0
             x.white_answered[q, j] = 0.0
+            x.rest_cross[q, j] = 0.0
+            x.rest_power[q, j] = 0.0
 
 
 @compiled

@@ -107,6 +107,8 @@ class BankSettings(NamedTuple):
     """Of third differences, to be of the size of the noise in what they are of, see `bank_effector_noise`."""
     second: float
     """The same of second differences."""
+    rest_block: int
+    """Samples of which it is asked whether an output has answered an effector, see `bank_effector_noise`."""
     white_spread: float
     """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
     entry: float
@@ -351,6 +353,18 @@ class BankState(NamedTuple):
     """(r, c) of their squares."""
     white_answered: Array
     """(r, c) median square of what outputs did, over what is expected of their errors."""
+    rest_cross: Array
+    """(r, c) sums of what outputs did times `white` in the present block of samples."""
+    rest_power: Array
+    """(r, c) of the squares of the latter."""
+    rest_energy: Array
+    """(c,) of the squares of what is quick of the deflections."""
+    rest_evidence: Array
+    """(2, c) that outputs do not answer them, and that they do, negative (cumulative sums)."""
+    dithered: Array
+    """(c,) `third_median` when all that moved was white and was answered; 0: never."""
+    rest: Integers
+    """(1,) number of that block."""
     suspected: Integers
     """(c,) whether the effector's loss may have made the last alarm."""
     unanswered: Array
@@ -607,6 +621,12 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         white_cross=np.zeros((rows, effectors)),
         white_power=np.zeros((rows, effectors)),
         white_answered=np.zeros((rows, effectors)),
+        rest_cross=np.zeros((rows, effectors)),
+        rest_power=np.zeros((rows, effectors)),
+        rest_energy=np.zeros(effectors),
+        rest_evidence=np.zeros((2, effectors)),
+        dithered=np.zeros(effectors),
+        rest=np.zeros(1, np.int64),
         suspected=np.zeros(effectors, np.int64),
         unanswered=np.zeros(effectors),
         states=np.zeros((3, rows)),

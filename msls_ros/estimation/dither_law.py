@@ -30,6 +30,7 @@ from msls_ros.estimation.dither_limits import (
     boost_left,
     command_gain,
     elapse,
+    fill,
     move,
     note_reached,
     settle,
@@ -261,7 +262,7 @@ def inject(
         held = min(dt, law.stale_after)
         factor = together = 1.0
         if unit > 0.0:
-            factor, together = enter_window(law, x, known.b[k], unsure, unit, time[k] - (dt - held), held, three)
+            together = enter_window(law, x, known.b[k], unsure, unit, time[k] - (dt - held), held, three)
         if dt > law.stale_after or not law.enabled:
             rest(law, x, time[k] - (dt - held), dt - held)
             out.level[k] = 3 if law.enabled else 0
@@ -276,8 +277,11 @@ def inject(
         unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], raised, held, caps)
         out.rms[k], binds = choose(law, x, known.b[k], aim * GRAVITY, square, caps)
         lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
+        if unit > 0.0:
+            factor = fill(x, unit * wanted_square(x, square))
         waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
-        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, out.delta[k]) * math.sqrt(together)
+        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, caps, out.delta[k])
+        predicted *= math.sqrt(together)
         if unit > 0.0:
             least = unit * (limit * limit) / (aim * aim) if aim > 0.0 else unit
             hold_back(law, x, known.b[k], unsure, least, delta[k], dt, three, out.delta[k])
@@ -285,6 +289,15 @@ def inject(
             predicted = worst_case(known.b[k], x.wanted, law.rows, law.station)
         out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
         out.reason[k] = reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def wanted_square(x: Effectors, square: Array) -> float:
+    """Mean square of the acceleration that is wanted of independent surfaces, by ``E[g_j^2]`` (m,) [m^2/s^4]."""
+    total = 0.0
+    for j in range(square.shape[0]):
+        total += square[j] * (x.relief[j] * x.wanted[j]) ** 2
+    return total
 
 
 @compiled
@@ -333,6 +346,7 @@ def send(
     factor: float,
     dt: float,
     square: Array,
+    caps: Array,
     out: Array,
 ) -> float:
     """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2]."""
@@ -347,6 +361,7 @@ def send(
         x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
         unit = wave[j] if waves else command_gain(x, j, dt) * x.sequence[j]
         most = CREST * x.limits[j, CAP] * (command_gain(x, j, dt) if not waves else 2.0)
-        wanted = min(max(factor * x.wanted[j] * unit, -most), most)
+        size = min(factor * x.wanted[j], max(x.wanted[j], caps[j])) if factor > 1.0 else factor * x.wanted[j]
+        wanted = min(max(size * unit, -most), most)
         out[j] = move(x, j, wanted, delta[j], dt)
     return math.sqrt(predicted)

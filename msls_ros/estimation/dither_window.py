@@ -60,13 +60,13 @@ def apart_square(law: Law, x: Effectors, b: Array, scratch: Array) -> float:
 @compiled
 def enter_window(
     law: Law, x: Effectors, b: Array, unsure: Array, unit: float, time: float, dt: float, scratch: Array
-) -> tuple[float, float]:
+) -> float:
     """Enter the acceleration of the last interval of ``dt`` s, until ``time``.
 
     Returns
     -------
-    tuple
-        What factor the next commands may have, and what holding back leaves of the sum of the squares; both 0 to 1.
+    float
+        What holding back leaves of the sum of the squares, 0 to 1.
     """
     resultant = modelled_square(law, x, b, unsure, 0.0, 0.0, scratch)
     besides = 0.0
@@ -75,7 +75,8 @@ def enter_window(
     together = note_together(
         x, max(resultant - besides, 0.0), apart_square(law, x, b, scratch), exponential(-dt / ACHIEVED)
     )
-    return spend(x, time, dt, unit * resultant), together
+    spend(x, time, dt, unit * resultant)
+    return together
 
 
 @compiled

@@ -51,6 +51,18 @@ def test_an_effector_that_has_only_followed_a_rate_does_not_end_the_estimate() -
     np.testing.assert_allclose(found.estimates[-1].b[1, 0], one.b[1, 0], rtol=0.1)
 
 
+@pytest.mark.parametrize("seed", [4000, 4005])
+def test_ten_samples_a_second_are_enough_where_derivatives_are_measured(seed: int) -> None:
+    """Nothing was quicker than a mean over one sample, and delays were found in rounding errors: B by 1e32."""
+    random = np.random.default_rng(seed)
+    one = replace(draw(random), rate=10, noise=0.0, gusts=0.0, servo=0.0, delay=0.0, commands=False, lost=-1)
+    found = Identifier(configure(one), 0).run(*fly(one, random)).estimates
+    assert not [e for estimate in found for e in estimate.events]
+    last = found[-1]
+    np.testing.assert_allclose(last.b, one.b, rtol=0.01, atol=0.01)
+    assert (abs(last.b - one.b) <= 1.96 * last.b_std).all() and last.b_reliable.any()
+
+
 def test_differentiated_it_is_the_same_aircraft() -> None:
     random = np.random.default_rng(7)
     one = replace(draw(random), noise=0.0, gusts=0.0, servo=0.0, delay=0.0, commands=False, lost=-1)

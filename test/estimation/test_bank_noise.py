@@ -319,23 +319,31 @@ EFFECTS = np.array([[28.0, 0.0], [0.0, -8.0], [1.0, 0.0]])
 DAMPING = np.array([3.0, 1.5, 0.6])
 
 
-def linear(delta: Array, seed: int, effects: Array, noise: tuple[float, float, float]) -> tuple[Array, Array, Array]:
-    """Return states, derivatives and deflections (n, 2) at 100 Hz of what effects (n, 3, 2) make of deflections."""
+def linear(
+    delta: Array, seed: int, effects: Array, noise: tuple[float, float, float], period: float = 0.01, late: int = 1
+) -> tuple[Array, Array, Array]:
+    """Return states, derivatives and deflections (n, 2), every ``period`` s, of what effects (n, 3, 2) make of them.
+
+    ``late`` [samples] after they are recorded.
+    """
     n = len(delta)
     x, xdot = np.zeros((n, 3)), np.zeros((n, 3))
     for k in range(n):
-        xdot[k] = effects[k] @ delta[max(k - 1, 0)] - DAMPING * x[k]
+        xdot[k] = effects[k] @ delta[max(k - late, 0)] - DAMPING * x[k]
         if k + 1 < n:
-            x[k + 1] = x[k] + 0.01 * xdot[k]
+            x[k + 1] = x[k] + period * xdot[k]
     parts = zip((x, xdot, delta), noise, (0, 1, 2), strict=True)
     states, rates, deflections = (part + size * uniform(n, part.shape[1], seed + k) for part, size, k in parts)
     return states, rates, deflections
 
 
-def events_of(delta: Array, seed: int, effects: Array, noise: tuple[float, float, float]) -> Run:
+def events_of(
+    delta: Array, seed: int, effects: Array, noise: tuple[float, float, float], period: float = 0.01, late: int = 1
+) -> Run:
     """Identify such a flight."""
-    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}))
-    return identifier.run(0.01 * np.arange(len(delta), dtype=np.float64), *linear(delta, seed, effects, noise))
+    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / period}))
+    time = period * np.arange(len(delta), dtype=np.float64)
+    return identifier.run(time, *linear(delta, seed, effects, noise, period, late))
 
 
 @pytest.mark.parametrize("seed", [200, 220, 240])
@@ -362,6 +370,20 @@ def test_the_rest_after_a_manoeuvre_is_no_loss(seed: int) -> None:
     effects = np.broadcast_to(np.array([[120.0, 0.0], [0.0, -8.0], [4.0, 0.0]]), (2500, 3, 2))
     run = events_of(delta, seed, effects, (0.001, 0.006, 2.5e-4))
     assert [e for estimate in run.estimates for e in estimate.events] == []
+
+
+@pytest.mark.parametrize("seed", [400, 410, 420, 470])
+def test_an_effector_that_has_moved_from_the_start_and_then_rests_has_lost_nothing(seed: int) -> None:
+    """Nothing was known of its sensor's noise before, which is now all that is recorded of it."""
+    t = 0.04 * np.arange(625)
+    delta = np.zeros((625, 2))
+    moving = t < 10.0
+    delta[moving, 0] = 0.02 * (np.sin(9.0 * t[moving]) + np.sin(5.0 * t[moving])) * np.sin(0.1 * np.pi * t[moving])
+    effects = np.broadcast_to(np.array([[200.0, 0.0], [0.0, -8.0], [1.0, 0.0]]), (625, 3, 2))
+    run = events_of(delta, seed, effects, (0.01, 0.1, 1.7e-3), 0.04, 0)
+    assert [e for estimate in run.estimates for e in estimate.events] == []
+    known = [e for e in run.estimates if 8.0 < e.time < 24.0]
+    assert np.mean([abs(e.b[0, 0] - 200.0) < 1.96 * e.b_std[0, 0] for e in known]) > 0.9
 
 
 def test_an_effect_that_one_row_has_lost_is_doubted_in_the_others_until_it_is_named() -> None:

@@ -234,9 +234,12 @@ def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
 
 
 def test_the_effectors_move_independently() -> None:
-    block = drive(law()[0], known(5000, aircraft()))
-    correlation = np.corrcoef(block.delta.T) - np.eye(M)
-    assert np.abs(correlation).max() < 0.06
+    """But for what the window holds back: of independent seeds' .014, six seeds have .07 to .08 and 1 % less is known."""
+    for seed in range(3):
+        block = drive(law(seed=seed)[0], known(5000, aircraft()))
+        correlation = np.corrcoef(block.delta.T)
+        assert np.abs(correlation - np.eye(M)).max() < 0.1
+        assert np.linalg.det(correlation) ** (1.0 / M) > 0.99
 
 
 def test_equal_seeds_give_equal_bits_and_blocks_do_not_matter() -> None:

@@ -136,6 +136,20 @@ def test_a_surface_at_its_stop_is_not_pushed_further() -> None:
         surface = math.exp(-0.4) * surface + (1.0 - math.exp(-0.4)) * block.delta[k, 0]
 
 
+def test_what_a_second_lacks_is_made_good_and_not_after_a_start_or_an_alarm() -> None:
+    """White sequences are felt as more and less from second to second; only the more was held back."""
+    for seed in range(4):
+        b, n = aircraft(seed), 1500
+        dither, c = law(seed=seed)
+        commands = drive(dither, known(n, b, alarms=(700,))).delta
+        shares, _, _ = true_surfaces(clock(n), commands, 20.0, 1.0)
+        g = np.linalg.norm(accelerations(b, shares, c), axis=1) / GRAVITY / c.dither.limit_nominal
+        seconds = np.sqrt(np.convolve(g * g, np.full(50, 0.02), "valid"))
+        settled = np.r_[seconds[100:650], seconds[850:]]
+        assert 0.9 < np.sqrt(np.mean(settled**2)) and settled.max() <= 1.02, seed
+        assert seconds[0] < 1.02, seed
+
+
 def test_where_b_errs_the_window_leaves_room_for_two_of_its_standard_errors() -> None:
     largest, felt = np.zeros((2, 10)), np.zeros((2, 10))
     for seed in range(10):
