@@ -234,7 +234,7 @@ def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
 
 
 def test_the_effectors_move_independently() -> None:
-    """But for what the window holds back: of independent seeds' .014, six seeds have .07 to .08 and 1 % less is known."""
+    """But for what the window holds back: .07 to .08 at most with six seeds, which takes 1 % of the information."""
     for seed in range(3):
         block = drive(law(seed=seed)[0], known(5000, aircraft()))
         correlation = np.corrcoef(block.delta.T)
