@@ -296,7 +296,8 @@ def wanted_square(x: Effectors, square: Array) -> float:
     """Mean square of the acceleration that is wanted of independent surfaces, by ``E[g_j^2]`` (m,) [m^2/s^4]."""
     total = 0.0
     for j in range(square.shape[0]):
-        total += square[j] * (x.relief[j] * x.wanted[j]) ** 2
+        wanted = x.relief[j] * x.wanted[j]
+        total += square[j] * (wanted * wanted)
     return total
 
 

@@ -344,6 +344,7 @@ def test_false_alarms_are_counted_over_the_hours_in_which_they_would_be_false() 
                 "predicted_g_max": 0.012 + 0.001 * changes.get("false_alarms", 0),
                 "predicted_g_rms": 0.011,
                 "realised_g_rms": 0.01,
+                "realised_of_limit": 0.8,
                 "realised_of_limit_1s_max": 0.9,
             },
             "finite": True,
