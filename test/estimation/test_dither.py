@@ -234,10 +234,16 @@ def test_the_wanted_rms_arrives_at_the_surface_whatever_the_rate() -> None:
 
 
 def test_the_effectors_move_independently() -> None:
-    """But for what the window holds back: .07 to .08 at most with six seeds, which takes 1 % of the information."""
+    dither, _ = law(allocation="equal", cap=0.004, cap_unreliable=0.004)
+    block = drive(dither, known(5000, 1e-6 * aircraft()))
+    correlation = np.corrcoef(block.delta.T) - np.eye(M)
+    assert np.abs(correlation).max() < 0.06
+
+
+def test_what_the_window_holds_back_takes_a_hundredth_of_the_information() -> None:
+    """It prefers what cancels: commands are correlated by .07 to .08 at most with six seeds."""
     for seed in range(3):
-        block = drive(law(seed=seed)[0], known(5000, aircraft()))
-        correlation = np.corrcoef(block.delta.T)
+        correlation = np.corrcoef(drive(law(seed=seed)[0], known(5000, aircraft())).delta.T)
         assert np.abs(correlation - np.eye(M)).max() < 0.1
         assert np.linalg.det(correlation) ** (1.0 / M) > 0.99
 
