@@ -5,14 +5,15 @@ flight, lateral (v, P, R by da, dr) or longitudinal (w, Q by de), at 15 to 200 m
 effector in half of the flights. Inputs are doublets, holds, 3-2-1-1, multisines or a pilot's, one effector after the
 other with pauses; rates are fed back in half of the flights. Sensor noise is nothing to three times `NOISE`, gusts act
 on the aircraft and are in no sensor, servos lag and are late, and deflections or commands are recorded. Each is
-identified from measured derivatives, and with those of the rates made in a window, as `calibration_beds`.
+identified from measured derivatives, and with those of the rates made in a window, as `calibration_beds`. What records
+of others do besides can be tried on the same flights (`RECORDS`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,10 @@ SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
 PATHS = ("direct", "differentiated")
+RECORDS = ("as drawn", "coarse", "late", "slow")
+"""As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`."""
+COARSE, BEHIND, SLOW = float(np.radians(0.1)), 0.02, 6.0
+"""[rad], [s] (a sample at least), [rad/s]"""
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 
 
@@ -180,6 +185,17 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
     return np.arange(n) / one.rate, seen, slopes, moved
 
 
+def keep(record: str, one: Linear, flight: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+    """Return a flight as one of `RECORDS` holds it."""
+    time, x, slopes, moved = flight
+    if record == "coarse":
+        moved = np.round(moved / COARSE) * COARSE
+    elif record == "late":
+        back = max(1, round(BEHIND * one.rate))
+        moved = np.concatenate([np.repeat(moved[:1], back, axis=0), moved[:-back]])
+    return time, x, slopes, moved
+
+
 def configure(one: Linear) -> Configuration:
     """Return what the identifier is given: names and rate, nothing else."""
     names = {"states": one.states, "effectors": one.effectors, "known_gravity": False, "estimator.method": "bank"}
@@ -198,12 +214,14 @@ def differentiate(one: Linear, flight: tuple[Array, Array, Array, Array]) -> tup
     return np.array([row.stamp * 1e-9 for row in rows]), smooth[:, :n], derivatives, smooth[:, 2 * n :]
 
 
-def judge(job: tuple[int, str]) -> Row:
-    """Fly one of this seed, identify it on one of `PATHS` as it ships, and hold what is said against the truth."""
-    seed, path = job
+def judge(job: tuple[int, str, str]) -> Row:
+    """Fly one of this seed, identify it on one of `PATHS` from one of `RECORDS`, and hold what is said against it."""
+    seed, path, record = job
     random = np.random.default_rng(seed)
     one = draw(random)
-    configuration, flight = configure(one), fly(one, random)
+    if record == "slow":
+        one = replace(one, servo=SLOW, commands=True)
+    configuration, flight = configure(one), keep(record, one, fly(one, random))
     straddle = 0 if path == "direct" else usual_intervals(one.rate)
     samples = differentiate(one, flight) if straddle else flight
     estimates = Identifier(configuration, straddle).run(*samples).estimates
@@ -249,10 +267,11 @@ def count(one: Linear, estimates: Sequence[Estimate], alarms: Sequence[float]) -
     return {f"{matrix} {phase}": cell for (matrix, phase), cell in cells.items()}
 
 
-def run(flights: int, first_seed: int, jobs: int) -> Iterator[Row]:
-    """Yield the rows of so many flights, both ways."""
+def run(flights: int, first_seed: int, jobs: int, record: str = RECORDS[0]) -> Iterator[Row]:
+    """Yield the rows of so many flights, both ways, from one of `RECORDS`."""
+    seeds = range(first_seed, first_seed + flights)
     with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(judge, [(seed, path) for seed in range(first_seed, first_seed + flights) for path in PATHS])
+        yield from pool.map(judge, [(seed, path, record) for seed in seeds for path in PATHS])
 
 
 def render(rows: Sequence[Row]) -> str:

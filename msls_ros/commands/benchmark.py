@@ -83,6 +83,12 @@ def parser() -> argparse.ArgumentParser:
     linear = commands.add_parser("linear", help="error bars, alarms and names on made-up linear aircraft")
     linear.add_argument("--flights", type=count, default=60, help="how many, each another aircraft (default: 60)")
     linear.add_argument("--first-seed", type=seed, default=1000, help="(default: 1000)")
+    linear.add_argument(
+        "--record",
+        choices=("as drawn", "coarse", "late", "slow"),
+        default="as drawn",
+        help="deflections in steps of .1 deg; 20 ms late; commands to servos of 6 rad/s (default: as drawn)",
+    )
     for command in (calibration, accuracy):
         command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
         command.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
@@ -182,7 +188,7 @@ def _accuracy(arguments: argparse.Namespace) -> Any:
 def _linear(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.linear_beds")
     rows = []
-    for row in module.run(arguments.flights, arguments.first_seed, os.cpu_count() or 1):
+    for row in module.run(arguments.flights, arguments.first_seed, os.cpu_count() or 1, arguments.record):
         rows.append(row)
         if len(rows) % 10 == 0:
             _say(f"{len(rows)} of {2 * arguments.flights} flights")

@@ -33,8 +33,8 @@ at no delay and at l, and no averaging takes it away.
 The regressors are the deflections of as long ago as moments are late; of what forces do, what the difference to their
 own delay makes is taken off the outputs (`put_in_step`). What has been learnt before is corrected
 (`bank_lags.shift_estimates`). Of a delay of far more than l (20 ms) the rest is not found; responses before deflections
-are not looked for. Derivatives that are made from the states by a window are looked at like all others: one window for
-values and slopes delays neither against the other.
+are found by `bank_responses`. Derivatives that are made from the states by a window are looked at like all others: one
+window for values and slopes delays neither against the other.
 
 References
 ----------

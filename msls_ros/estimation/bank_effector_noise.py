@@ -27,6 +27,10 @@ with the block's sums C of answers times second differences and P of their squar
 Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
 The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
 
+Records have a step of their own, too (`observe_quanta`): of a deflection that goes to and back by exactly as much the
+rounding is in doubt, a twelfth of the least such step squared, however rarely it shows. A median does not see it: of an
+effector that rests most differences are none, and a few of a whole step.
+
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares
 both): there it is at most what their third differences hold, and what makes the derivatives' prediction errors.
@@ -43,6 +47,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_lags import KEEP
+from msls_ros.estimation.bank_speed import power_of, ratio_of
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -55,6 +60,12 @@ FIRST_PACE = 2.0
 """That over the number of samples so far: with 1, one small first value is seen for 10 s at 25 Hz."""
 SMALLEST = 1e-12
 """Least median over the square of the bank's unit: deflections that are computed have no noise."""
+ROUNDING = 1.0 / 12.0
+"""Variance of what rounding takes off, over the square of its step [1]."""
+OFTEN = 3.0
+"""So many times a record must have gone to and back by its least step: a single value that is wrong does so once."""
+ALIKE_STEP = 1e-6
+"""By which share steps may differ and count as the same: they are differences of rounded numbers."""
 EDGE = 9.0
 """Squared standard deviations, as the median has them, beyond which a difference is an edge."""
 QUIET = 1.5
@@ -86,6 +97,38 @@ taken for noise stays so, though it is answered later; without noise 12 where a 
 
 
 @compiled
+def observe_quanta(s: BankSettings, x: BankState, phi: Array) -> None:
+    """Update the least step by which recorded deflections have gone to and back, and how often; phi (p,) as it came."""
+    k = x.samples[0]
+    for j in range(x.quantum.shape[1]):
+        now, last, before = phi[s.effectors_from + j], x.recorded[(k - 1) % 2, j], x.recorded[k % 2, j]
+        x.recorded[k % 2, j] = now
+        step = abs(last - now)
+        if k < 2 or now != before or step == 0.0:
+            continue
+        if x.quantum[1, j] == 0.0 or step < (1.0 - ALIKE_STEP) * x.quantum[0, j]:
+            x.quantum[0, j] = step
+            x.quantum[1, j] = 1.0
+        elif step < (1.0 + ALIKE_STEP) * x.quantum[0, j]:
+            x.quantum[1, j] += 1.0
+
+
+@compiled
+def most_noise(s: BankSettings, x: BankState, j: int) -> float:
+    """Return the most that the variance of the noise in effector j can be: by third differences, or by its quantum."""
+    return float(max(x.third_median[j] / MEDIAN, rounding_noise(s, x, j)))
+
+
+@compiled
+def rounding_noise(s: BankSettings, x: BankState, j: int) -> float:
+    """Return the variance of the rounding of effector j in its record."""
+    if x.quantum[1, j] < OFTEN:
+        return 0.0
+    step = x.quantum[0, j] * power_of(s, s.effectors_from + 1 + j, ratio_of(x))
+    return float(ROUNDING * step * step)
+
+
+@compiled
 def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the median squares of the effectors' third differences; phi (p,), constant first."""
     begun = x.samples[0] - x.deflections.shape[0] - s.straddle
@@ -107,7 +150,7 @@ def observe_whites(s: BankSettings, x: BankState, phi: Array) -> None:
         white = third if s.straddle > 0 else second
         x.white_median[j] = median_of(x.white_median[j], white, SMALLEST * s.sigma[i] * s.sigma[i], begun)
         x.rest_energy[j] += x.quick[i] * x.quick[i]
-        inside = begun >= 0 and white * white * MEDIAN < EDGE * x.white_median[j]
+        inside = begun >= 0 and white * white < EDGE * max(x.white_median[j] / MEDIAN, rounding_noise(s, x, j))
         x.white[j] = white if inside else 0.0
 
 
@@ -237,20 +280,20 @@ def observe_rest(s: BankSettings, x: BankState) -> None:
 @compiled
 def judge_rest(s: BankSettings, x: BankState, j: int) -> None:
     """Add up the evidence that nothing answers the white motion of effector j, and that it is answered; act on it."""
-    if s.straddle > 0 or x.rest_energy[j] > CALM * s.rest_block * x.third_median[j] / MEDIAN:
+    if s.straddle > 0 or x.rest_energy[j] > CALM * s.rest_block * most_noise(s, x, j):
         x.rest_evidence[:, j] = 0.0
         return
     evidence = evidence_of_rest(s, x, j)
     rested = x.rest_evidence[0, j] >= DECIDED
     x.rest_evidence[0, j] = min(max(x.rest_evidence[0, j] + evidence, 0.0), DECIDED)
     x.rest_evidence[1, j] = min(x.rest_evidence[1, j] + evidence, 0.0)
-    now, dithered = x.third_median[j], x.dithered[j]
+    now, dithered = most_noise(s, x, j), x.dithered[j]
     if x.rest_evidence[1, j] < -DECIDED:
         x.dithered[j] = now
         x.rest_evidence[:, j] = 0.0
         x.third_floor[j] = 0.0
     elif x.rest_evidence[0, j] >= DECIDED and not (now < ALIKE * dithered and dithered < ALIKE * now):
-        x.third_floor[j] = now / MEDIAN
+        x.third_floor[j] = now
         for q in range(0 if rested else x.rest_cross.shape[0]):
             x.white_cross[q, j] = x.rest_cross[q, j]
             x.white_power[q, j] = x.rest_power[q, j]
@@ -287,7 +330,7 @@ def find_noise(s: BankSettings, x: BankState) -> None:
             if x.residual[q, 0] > 0.0 and x.white_power[q, j] > 0.0:
                 variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1] * x.white_power[q, j]
                 most = max(most, x.white_cross[q, j] * x.white_cross[q, j] / variance)
-        found = x.third_median[j] / MEDIAN
+        found = most_noise(s, x, j)
         noise = min(max(2.0 - most / ANSWERED, 0.0), 1.0)
         x.third_noise[j] = noise * found
         x.unanswered[j] = x.unanswered[j] + KEEP * s.period if most < ANSWERED and s.straddle == 0 else 0.0
@@ -296,6 +339,6 @@ def find_noise(s: BankSettings, x: BankState) -> None:
 
 
 @compiled
-def resting_noise(x: BankState, j: int) -> float:
+def resting_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Variance of the noise in effector j, no less than it had when no output answered, nor more than there can be."""
-    return float(max(x.third_noise[j], min(x.third_floor[j], x.third_median[j] / MEDIAN)))
+    return float(max(x.third_noise[j], min(x.third_floor[j], most_noise(s, x, j))))

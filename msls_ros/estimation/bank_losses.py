@@ -352,7 +352,7 @@ def compare_row(
         along += work.steps[k, i] * work.w[i]
     noise = 0.0
     for j in range(s.gains.shape[1]):
-        weighed = s.gains[k, j] * count * resting_noise(x, j)
+        weighed = s.gains[k, j] * count * resting_noise(s, x, j)
         noise += weighed * s.gains[k, j]
         along += weighed * before[q, first + j]
     if size <= noise / (1.0 - MOTION):

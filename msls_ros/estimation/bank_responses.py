@@ -19,12 +19,16 @@ over the last seconds the profile likelihood of response a is, over the rows::
 where rows count of which the effectors explain at least half of what the states leave, and its evidence is
 ``L_a - L_now``, summed over half a minute of excited flight. A lag also averages the noise of measured deflections,
 which fits better whatever is late; so a lag must also be better than the same filter without its delay,
-``f_j(k + tau)``, which is looked at in the past. A response other than that of now is taken when its evidence is
-decisive (`DECISIVE`); all that has been learnt belongs to other regressors then, and every equation begins anew, as
-after an alarm. What is left of the delay, a fraction of l, is found by `bank_delay`, with deflections that have passed
-the response. Effects are those of the deflections that act. Until it is decided, what speaks for another response is
-in the bars (``response_doubt``), and afterwards `UNSHAPED` or `LAGLESS`: a lag that is found is not the whole
-shape, and a long delay without one is half of it, which gusts hide.
+``f_j(k + tau)``, which is looked at in the past. Deflections may also be recorded late (a slow bus, a filter of their
+sensor): without a lag, n may be -1 or -2, and once that is taken states and outputs are held back by as much (`hold`).
+Noise in a row's own state makes it seem early too (`seems_early`); such rows do not count there. What is white in an
+output, by its third differences, is the noise of its sensor and none of what effectors should explain.
+
+A response other than that of now is taken when its evidence is decisive (`DECISIVE`); all that has been learnt belongs
+to other regressors then, and every equation begins anew, as after an alarm. What is left of the delay, a fraction of l,
+is found by `bank_delay`, with deflections that have passed the response. Effects are those of the deflections that act.
+Until it is decided, what speaks for another response is in the bars (``response_doubt``), and afterwards `UNSHAPED` or
+`LAGLESS`: a lag that is found is not the whole shape, and a long delay without one is half of it, which gusts hide.
 
 References
 ----------
@@ -35,6 +39,7 @@ System Identification*, 2006, section 10.2 (actuators, time delays).
 from __future__ import annotations
 
 from msls_ros.estimation.bank_delay import MOMENTS
+from msls_ros.estimation.bank_effector_noise import MEDIAN, median_of, third_difference
 from msls_ros.estimation.bank_lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
@@ -67,6 +72,10 @@ LAGLESS = 0.33
 There P by the aileron is .45 to .65 of the truth (seeds 4 and 5); with .25 B was covered in .69 to .88 behind servos,
 with .33 in .91 to .94, with .4 in .94 to .97.
 """
+LEAST_LEFT = 0.1
+"""Least share of what is left that is not the white noise of sensors [1]."""
+TINY = 1e-300
+"""Least median square of third differences."""
 RECORDS = 0.025
 """Delays of more than that are not those of records alone, see `bank_settings.DELAY_OF_RECORDS` [s]."""
 ACTUATORS = 0.04
@@ -82,7 +91,7 @@ BEYOND = 0.25
 
 
 @compiled
-def respond(s: BankSettings, x: BankState, phi: Array, y: Array, factor: Array, w: Array, z: Array) -> bool:
+def respond(s: BankSettings, x: BankState, phi: Array, y: Array, factor: Array, w: Array, z: Array, to: Array) -> bool:
     """Put the deflections that act into the regressor; return whether another response is taken from now on.
 
     Parameters
@@ -90,10 +99,14 @@ def respond(s: BankSettings, x: BankState, phi: Array, y: Array, factor: Array, 
     s, x
         Settings and state before the sample.
     phi, y
-        (p,) regressor, constant first, its effectors replaced; (r,) outputs.
+        (p,) regressor, constant first, its effectors replaced, its states too where they are held; (r,) outputs.
     factor, w, z
         (p, p), (p,) and (p,) scratch.
+    to
+        (r,) out: the outputs that go with this regressor.
     """
+    for q in range(y.shape[0]):
+        to[q] = y[q]
     count = x.lagged.shape[1]
     if count == 0:
         return False
@@ -106,10 +119,37 @@ def respond(s: BankSettings, x: BankState, phi: Array, y: Array, factor: Array, 
             taken = compare_responses(s, x, factor, w, z)
     now = x.response[0]
     first = s.effectors_from + 1
-    slot = (k - min(s.responses[now, 1] * s.late, k)) % x.sent.shape[1]
+    held = held_back(s, x)
+    slot = (k - min(s.responses[now, 1] * s.late + held, k)) % x.sent.shape[1]
     for j in range(count):
         phi[first + j] = x.sent[s.responses[now, 0], slot, j]
+    hold(x, phi, to, min(held, k))
     return taken
+
+
+@compiled
+def least_part(s: BankSettings, a: int) -> float:
+    """Return the least d of response a: from the deflections themselves none, for `bank_delay` takes them back only."""
+    return 0.0 if s.responses[a, 1] == 0 else -BEYOND
+
+
+@compiled
+def held_back(s: BankSettings, x: BankState) -> int:
+    """Return by how many samples states and outputs are held back, for deflections that are recorded late."""
+    return int(max(-s.responses[x.response[0], 1], 0) * s.late)
+
+
+@compiled
+def hold(x: BankState, phi: Array, y: Array, back: int) -> None:
+    """Put states and outputs of ``back`` samples ago in the place of those of now: (p,) constant first, (r,)."""
+    size, states = x.held.shape[0], x.held.shape[1] - y.shape[0]
+    now, then = x.samples[0] % size, (x.samples[0] - back) % size
+    for i in range(states):
+        x.held[now, i] = phi[i + 1]
+        phi[i + 1] = x.held[then, i]
+    for q in range(y.shape[0]):
+        x.held[now, states + q] = y[q]
+        y[q] = x.held[then, states + q]
 
 
 @compiled
@@ -134,6 +174,8 @@ def send(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
         x.block[i] = (0.0 if fresh else x.block[i]) + part * phi[i + 1]
     for q in range(y.shape[0]):
         x.block[states + q] = (0.0 if fresh else x.block[states + q]) + part * y[q]
+        third = third_difference(s, x, x.output_past[:, q], y[q])
+        x.output_median[q] = median_of(x.output_median[q], third, TINY, k - x.output_past.shape[0])
 
 
 @compiled
@@ -196,12 +238,13 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
     gain = min(LOOK * (1.0 - s.block_forgetting), 1.0) * moving
     best = now
     for a in range(others):
-        gained = likelier(x, a, now)
+        gained = likelier(s, x, a, now)
         lag = s.responses[a, 0]
         if lag > 0 and s.responses[now, 0] == 0:
-            gained = min(gained, likelier(x, a, others + lag - 1))
-        if lag == s.responses[now, 0] and abs(x.response_part[now] - 0.5) < 0.5 + BEYOND:
-            gained = min(gained, 0.0)  # the delay lies within the reach of that of now
+            gained = min(gained, likelier(s, x, a, others + lag - 1))
+        apart = s.responses[a, 1] + x.response_part[a] - s.responses[now, 1]
+        if lag == s.responses[now, 0] and least_part(s, now) <= apart < 1.0 + BEYOND:
+            gained = min(gained, 0.0)  # its delay lies within the reach of that of now
         x.response_evidence[a] += gain * (gained - FORGOTTEN * x.response_evidence[a])
         if x.response_evidence[a] > x.response_evidence[best]:
             best = a
@@ -271,13 +314,30 @@ def find_steps(s: BankSettings, x: BankState, a: int, d: float) -> None:
 
 
 @compiled
-def likelier(x: BankState, a: int, b: int) -> float:
+def likelier(s: BankSettings, x: BankState, a: int, b: int) -> float:
     """Return by how much response a is likelier than b, by the rows that answer the effectors [1]."""
     total = 0.0
+    early = s.responses[a, 1] < 0
     for q in range(x.response_fit.shape[1]):
+        if early and seems_early(s, x, q) > BEYOND:
+            continue
         if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
             total += x.response_fit[a, q, 0] - x.response_fit[b, q, 0]
     return total
+
+
+@compiled
+def seems_early(s: BankSettings, x: BankState, q: int) -> float:
+    """Return by how much row q's output may seem to come early by the noise in its own state, over l.
+
+    Least squares makes the effect of the state, ``theta``, smaller by the share of noise in it. That is missing of what
+    has answered motion of frequency w: ``share theta / w^2`` sooner; what is quick begins at the mean's corner.
+    """
+    square = x.response_sums[0, q, q]
+    noise = x.response_samples[0] * x.state_median[q] / (MEDIAN * s.late)
+    share = min(noise / square, 1.0) if square > 0.0 else 1.0
+    memory = s.period / s.quick
+    return float(share * abs(x.mixed[q, q + 1]) * memory * memory / (s.late * s.period))
 
 
 @compiled
@@ -311,7 +371,7 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
             own += z[1] / w[0]
     step = product / own if own > 0.0 else 0.0
     cut = abs(step) > STEP
-    step = min(max(d + min(max(step, -STEP), STEP), -BEYOND), 1.0 + BEYOND) - d
+    step = min(max(d + min(max(step, -STEP), STEP), least_part(s, a)), 1.0 + BEYOND) - d
     x.response_part[a] = d + step
     for q in range(rows):
         left = x.response_row[q, 0] - step * (2.0 * x.response_row[q, 1] - step * x.response_row[q, 2])
@@ -324,7 +384,11 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
             for _ in range(s.late - 1):
                 rho *= one
             x.response_fit[a, q, 0] = -0.5 * free * (1.0 - rho) / (1.0 + rho) * logarithm(left)
-            x.response_fit[a, q, 1] = 1.0 - left / max(x.response_row[q, 3], left)
+            unexplained = left
+            if s.straddle == 0:
+                white = x.response_samples[0] * x.output_median[q] / (MEDIAN * s.late)
+                unexplained = max(left - white, LEAST_LEFT * left)
+            x.response_fit[a, q, 1] = 1.0 - unexplained / max(x.response_row[q, 3] - left + unexplained, unexplained)
     return cut and step != 0.0
 
 

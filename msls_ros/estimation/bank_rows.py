@@ -13,7 +13,13 @@ from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_batches import clear_batches
 from msls_ros.estimation.bank_delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank_detection import forget_predictors, sense_bank
-from msls_ros.estimation.bank_effector_noise import find_noise, observe_deflections, observe_states, observe_whites
+from msls_ros.estimation.bank_effector_noise import (
+    find_noise,
+    observe_deflections,
+    observe_quanta,
+    observe_states,
+    observe_whites,
+)
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs
@@ -27,7 +33,7 @@ from msls_ros.estimation.bank_losses import (
     square_of_move,
 )
 from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
-from msls_ros.estimation.bank_responses import respond
+from msls_ros.estimation.bank_responses import held_back, respond
 from msls_ros.estimation.bank_shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank_speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
@@ -103,17 +109,18 @@ def advance_bank(
         work.phi[0] = phi[n, p - 1]
         for i in range(p - 1):
             work.phi[i + 1] = phi[n, i]
+        observe_quanta(s, x, phi[n])
         scale_regressors(s, x, work.phi)
         for q in range(y.shape[1]):
             work.noise[q] = noise[n, q] * power_of(s, q + 1, ratio_of(x)) * power_of(s, q + 1, ratio_of(x))
-        if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares):
+        if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
         observe_states(s, x, work.phi)
         take_back(s, x, work.phi)
         observe_whites(s, x, work.phi)
-        put_in_step(s, x, y[n], work.phi, work.y)
+        put_in_step(s, x, work.outputs, work.phi, work.y)
         if follows_gap(s, x, time[n]):
             x.apart[0] = reach_of(s, x)
         if x.apart[0] > 0:
@@ -129,7 +136,7 @@ def advance_bank(
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
                 update_members(s, x, g, work.y, work)
-        observe_delay(s, x, y[n], work)
+        observe_delay(s, x, work.outputs, work)
         update_rows(s, x, work.y, work)
         keep_reference(s, x)
         keep_sample(x, work.phi, work.y)
@@ -173,7 +180,8 @@ def follows_gap(s: BankSettings, x: BankState, time: float) -> bool:
 @compiled
 def reach_of(s: BankSettings, x: BankState) -> int:
     """Return for how many samples after a gap it is not known what acts: those of the delay, and of a lag."""
-    late = max(x.delay[0, 0], x.delay[1, 0]) + float(s.responses[x.response[0], 1] * s.late)
+    late = max(x.delay[0, 0], x.delay[1, 0]) + float(max(s.responses[x.response[0], 1], 0) * s.late)
+    late = max(late, float(held_back(s, x)))
     lag = LAGS * s.lag_times[s.responses[x.response[0], 0]] / s.period
     return int(math.ceil(late) + math.ceil(lag))
 

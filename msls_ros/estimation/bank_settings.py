@@ -124,10 +124,18 @@ LATEST = 0.06
 """By how much deflections are taken back at most [s]."""
 LATE = 0.02
 """By how much responses are looked for late, at least a sample [s]."""
-LAGS = (0.035, 0.06)
+LAGS = (0.035, 0.07, 0.14)
 """Of servos whose commands are recorded in place of deflections [s], see `bank_responses`.
 
-With .045 s alone, a servo of 15 rad/s behind 30 ms: P by da .63 +- .07 of the truth after 20 s.
+With .045 s alone, a servo of 15 rad/s behind 30 ms: P by da .63 +- .07 of the truth after 20 s. With 35 and 60 ms
+behind servos of 6 rad/s B is covered in .36 and .30 (`benchmark linear --record slow`, seeds 4120 on, 40; measured and
+differentiated), with these in .86; of 10, 15 and 30 rad/s in .87 to .98 with either. Those of 4 rad/s are too slow
+(.54).
+"""
+EARLY = 2
+"""Steps of `LATE` by which responses are looked for before the deflections: where these are recorded late.
+
+Deflections 35 ms late (seeds 4120 on, 40): 111 false alarms with one step, 39 with two; 20 ms: 182 with none, 12.
 """
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
@@ -283,11 +291,12 @@ def make_bank_settings(
         lags=np.array([(0.0, 0.0, 1.0), *(_lag(lag, period) for lag in LAGS)]),
         responses=np.array(
             [(lag, back) for lag in range(1 + len(LAGS)) for back in range(3)]
+            + [(0, -back) for back in range(1, 1 + EARLY)]
             + [(1 + number, -back) for number, back in enumerate(ahead)],
             np.int64,
         ),
         lag_times=np.array([0.0, *LAGS]),
-        ahead=max(ahead),
+        ahead=max(EARLY, *ahead),
         block_forgetting=math.exp(-late * period / COLOUR_MEMORY),
         block_quick=min(late * period / quick, 1.0),
         latest=max(1, round(LATEST / period)),

@@ -282,6 +282,11 @@ class BankState(NamedTuple):
     """(l, c) mean of the blocks of the last moment."""
     sent_quick: Array
     """(l, b, c) the last blocks above it, a ring."""
+    output_past: Array
+    """(3, r) the last outputs, a ring, and the median squares of their third differences (r,)."""
+    output_median: Array
+    held: Array
+    """(k, t + r) the last states and outputs, a ring."""
     response_mean: Array
     """(t + r,) the same of states and outputs."""
     response_past: Array
@@ -335,6 +340,10 @@ class BankState(NamedTuple):
     """(2, r, p) variance of the estimates by what is not known of delays, and by what shows of them alone."""
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
+    quantum: Array
+    """(2, c) least step by which the recorded deflections have gone to and back, and how often."""
+    recorded: Array
+    """(2, c) the last ones, a ring."""
     third_median: Array
     """(c,) median square of their third differences, of the size of their noise."""
     third_floor: Array
@@ -462,6 +471,8 @@ class BankWork(NamedTuple):
 
     phi: Array
     """(p,) regressor, constant first."""
+    outputs: Array
+    """(r,) outputs that go with it, see `bank_responses`."""
     y: Array
     """(r,) outputs, put in step."""
     noise: Array
@@ -525,6 +536,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     p, m = s.prior.shape
     w, effectors = int(s.windows[-1]), s.effectors_to - s.effectors_from
     kept = int(max(s.loss_delays, default=0)) + 1
+    others = len(s.responses) - len(s.lags) + 1
+    early = int(-s.responses[:others, 1].min())
     back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
     return BankState(
         R=np.zeros((groups, p, p, m)),
@@ -586,6 +599,9 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         block=np.zeros(s.effectors_from + rows),
         sent_mean=np.zeros((len(s.lags), effectors)),
         sent_quick=np.zeros((len(s.lags), back, effectors)),
+        output_past=np.zeros((3, rows)),
+        output_median=np.zeros(rows),
+        held=np.zeros((early * s.late + 1, s.effectors_from + rows)),
         response_mean=np.zeros(s.effectors_from + rows),
         response_past=np.zeros((back, s.effectors_from + rows)),
         response_quick=np.zeros(quick),
@@ -612,6 +628,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unlike=np.zeros((2, rows, effectors)),
         late_square=np.zeros((2, rows, p)),
         deflections=np.zeros((3, effectors)),
+        quantum=np.zeros((2, effectors)),
+        recorded=np.zeros((2, effectors)),
         third_median=np.zeros(effectors),
         third_floor=np.zeros(effectors),
         white_past=np.zeros((3, effectors)),
@@ -682,7 +700,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     k = len(s.gains)
     change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
     return BankWork(
-        *(np.zeros(p), np.zeros(rows), np.zeros(rows), np.zeros(p), np.zeros(p)),
+        *(np.zeros(p), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(p), np.zeros(p)),
         *(row, z, K, np.zeros((p, p, m)), c, t, left),
         *(root, first, weight, root_weight, loss, e),
         np.zeros(rows, np.int64),

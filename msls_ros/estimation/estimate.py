@@ -82,7 +82,7 @@ class Estimate:
     """(n,) lambda per equation [1]; NaN where the equation is known."""
     delay: float
     """By how much responses come after deflections, as found in flight: A and B hold for the deflections of so long
-    ago [s]."""
+    ago; negative: deflections are recorded late, and states and outputs held back [s]."""
     delay_std: float
     """Its standard error [s]; NaN where none is looked for (msls, rls)."""
     lag: float

@@ -7,7 +7,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.linear_beds import PATHS, PHASES, configure, differentiate, draw, fly, judge, render
+from benchmarks.linear_beds import (
+    COARSE,
+    PATHS,
+    PHASES,
+    RECORDS,
+    configure,
+    differentiate,
+    draw,
+    fly,
+    judge,
+    keep,
+    render,
+)
 from msls_ros.estimation import EventKind, Identifier
 from msls_ros.inputs.derivatives import usual_intervals
 
@@ -35,10 +47,32 @@ def test_derivatives_are_those_of_the_states_and_a_loss_is_one() -> None:
 
 @pytest.mark.parametrize("path", PATHS)
 def test_what_is_said_is_counted(path: str) -> None:
-    row = judge((1002, path))
+    row = judge((1002, path, RECORDS[0]))
     assert {f"{matrix} {phase}" for matrix in "AB" for phase in PHASES} == set(row["phases"])
     assert all(total >= reliable >= covered for total, reliable, covered in row["phases"].values())
     assert render([row]).startswith(f"1 linear aircraft, {path};")
+
+
+@pytest.mark.parametrize(("seed", "record"), [(4141, "coarse"), (4153, "coarse"), (4147, "late"), (4153, "late")])
+def test_rounded_or_late_records_of_deflections_are_no_losses(seed: int, record: str) -> None:
+    """Before: an effector that rests by a step of its record, or an edge that comes a sample late, was named lost."""
+    random = np.random.default_rng(seed)
+    one = replace(draw(random), lost=-1)
+    flight = keep(record, one, fly(one, random))
+    events = [e for estimate in Identifier(configure(one), 0).run(*flight).estimates for e in estimate.events]
+    assert not [e for e in events if e.kind == EventKind.ISOLATED]
+    assert len([e for e in events if e.kind == EventKind.DETECTED]) <= (1 if record == "late" else 0)
+
+
+def test_what_a_record_does_to_deflections_is_done_to_nothing_else() -> None:
+    random = np.random.default_rng(5)
+    one = draw(random)
+    flight = fly(one, random)
+    for record in RECORDS:
+        kept = keep(record, one, flight)
+        assert all(a is b for a, b in zip(kept[:3], flight[:3], strict=True))
+        assert np.array_equal(kept[3], flight[3]) == (record in ("as drawn", "slow"))
+    assert np.abs(keep("coarse", one, flight)[3] - flight[3]).max() <= 0.5 * COARSE + 1e-12
 
 
 def test_an_effector_that_has_only_followed_a_rate_does_not_end_the_estimate() -> None:

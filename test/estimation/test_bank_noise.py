@@ -9,7 +9,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, Run, from_mapping
-from msls_ros.estimation.bank_effector_noise import entering_part, state_noise
+from msls_ros.estimation.bank_effector_noise import entering_part, observe_quanta, rounding_noise, state_noise
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
@@ -424,3 +424,21 @@ def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is(
     assert found[20, 0] == pytest.approx(np.var(x[:21]), rel=1e-9)
     assert found[39, 0] == pytest.approx(np.var(x[:40]), rel=1e-9)
     assert found[199, 0] == pytest.approx(np.var(x), rel=0.5)
+
+
+def test_the_step_of_a_record_is_believed_when_it_has_shown_three_times() -> None:
+    """A single wrong value goes to and back as well, by what no step is; what moves for longer says nothing."""
+    engine = Identifier(from_mapping(SMALL))._regression
+    assert isinstance(engine, BankRegression)
+    s, x = engine.settings, engine.state
+    sequence = [0.0, 0.05, 0.0, 0.0, 0.002, 0.0, 0.0, 0.004, 0.0, 0.002, 0.002, 0.0, 0.002, 0.0]
+    found = []
+    for value in sequence:
+        phi = np.zeros(s.sigma.shape[0])
+        phi[s.effectors_from] = value
+        observe_quanta(s, x, phi)
+        found.append(rounding_noise(s, x, 0))
+        x.samples[0] += 1
+    assert found[:12] == [0.0] * 12
+    assert found[-1] == pytest.approx(0.002**2 / 12.0)
+    assert rounding_noise(s, x, 1) == 0.0

@@ -7,7 +7,7 @@ import pytest
 from estimation.test_bank import SMALL, uniform
 from estimation.test_bank_delay import EFFECTS, STEP
 
-from msls_ros.estimation import Estimate, Identifier, from_mapping
+from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import begin_anew
 
@@ -24,11 +24,13 @@ def fly(
     rate: int = 50,
     gusts: float = 0.0,
     measured: bool = False,
+    behind: int = 0,
 ) -> tuple[BankRegression, list[Estimate]]:
     """Identify from commands that a servo takes along ``lag`` and ``delay`` [s] late.
 
     ``noise`` is that of the outputs [rad/s^2]. With ``gusts`` nothing is commanded but what a law answers to them; with
-    ``measured`` the deflections are recorded, with noise, and not the commands.
+    ``measured`` the deflections are recorded, with noise, and not the commands. ``behind``: the record of deflections
+    is so many samples late.
     """
     n = round(seconds / STEP)
     every = round(1.0 / (rate * STEP))
@@ -54,6 +56,8 @@ def fly(
     identifier = Identifier(from_mapping({**SMALL, "sample_rate": float(rate)}))
     time, read = STEP * np.arange(n, dtype=np.float64)[taken], xdot[taken]
     delta = act[:n][taken] + 0.001 * uniform(len(read), 2, 95) if measured else command[taken]
+    if behind > 0:
+        delta = np.concatenate([np.repeat(delta[:1], behind, axis=0), delta[:-behind]])
     estimates = identifier.run(time, x[taken], read + noise * uniform(len(read), 3, 94), delta).estimates
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
@@ -70,6 +74,17 @@ def test_the_effects_of_servos_are_right_from_their_commands_alone(lag: float, d
     assert last.lag + last.delay == pytest.approx(lag + delay + 0.5 / rate, abs=0.02), "held commands"
     main = EFFECTS != 0.0
     np.testing.assert_allclose(last.b[main], EFFECTS[main], rtol=0.2)
+    assert (np.abs(last.b - EFFECTS) <= 1.96 * last.b_std).all()
+
+
+@pytest.mark.parametrize("noise", [0.05, 0.3])
+def test_a_servo_of_seven_radians_a_second_is_found_in_noise(noise: float) -> None:
+    """In the larger noise effectors explain little of a quick output; what is white in it is its sensor's."""
+    _, estimates = fly(0.14, 0.02, noise=noise, seconds=60.0)
+    last = estimates[-1]
+    assert last.lag == 0.14
+    main = EFFECTS != 0.0
+    np.testing.assert_allclose(last.b[main], EFFECTS[main], rtol=0.25)
     assert (np.abs(last.b - EFFECTS) <= 1.96 * last.b_std).all()
 
 
@@ -108,6 +123,20 @@ def test_a_name_that_is_awaited_is_not_spoken_once_another_response_is_taken() -
     begin_anew(s, x, engine._work.phi)
     assert engine.losses([0]).change == [0.0] * len(s.gains)
     assert not np.isfinite(engine.losses([0]).error).any()
+
+
+@pytest.mark.parametrize(("rate", "behind"), [(25, 1), (50, 1), (50, 2), (100, 2), (100, 4)])
+def test_deflections_that_are_recorded_late_cost_nothing_but_their_delay(rate: int, behind: int) -> None:
+    """Responses come before them: every edge of an input was an error that no estimate explains."""
+    _, estimates = fly(0.05, 0.0, rate=rate, measured=True, behind=behind)
+    last = estimates[-1]
+    assert last.delay == pytest.approx(-behind / rate, abs=0.006)
+    assert (np.abs(last.b - EFFECTS) <= 1.96 * last.b_std).all()
+    main = EFFECTS != 0.0
+    np.testing.assert_allclose(last.b[main], EFFECTS[main], rtol=0.1)
+    found = next(e.time for e in estimates if e.delay < 0.0)
+    assert found < 12.0
+    assert not any(v.kind == EventKind.DETECTED for e in estimates for v in e.events if e.time > found)
 
 
 def test_what_a_law_answers_gusts_with_is_no_evidence() -> None:
