@@ -130,7 +130,7 @@ LAGS = (0.035, 0.07, 0.14)
 With .045 s alone, a servo of 15 rad/s behind 30 ms: P by da .63 +- .07 of the truth after 20 s. With 35 and 60 ms
 behind servos of 6 rad/s B is covered in .36 and .30 (`benchmark linear --record slow`, seeds 4120 on, 40; measured and
 differentiated), with these in .86; of 10, 15 and 30 rad/s in .87 to .98 with either. Those of 4 rad/s are too slow
-(.54).
+(.59).
 """
 EARLY = 2
 """Steps of `LATE` by which responses are looked for before the deflections: where these are recorded late.
