@@ -20,6 +20,7 @@ from benchmarks.linear_beds import (
     keep,
     render,
 )
+from msls_ros.commands.benchmark import parser
 from msls_ros.estimation import EventKind, Identifier
 from msls_ros.inputs.derivatives import usual_intervals
 
@@ -62,6 +63,10 @@ def test_rounded_or_late_records_of_deflections_are_no_losses(seed: int, record:
     events = [e for estimate in Identifier(configure(one), 0).run(*flight).estimates for e in estimate.events]
     assert not [e for e in events if e.kind == EventKind.ISOLATED]
     assert len([e for e in events if e.kind == EventKind.DETECTED]) <= (1 if record == "late" else 0)
+
+
+def test_the_command_offers_every_record() -> None:
+    assert [parser().parse_args(["linear", "--record", one]).record for one in RECORDS] == list(RECORDS)
 
 
 def test_what_a_record_does_to_deflections_is_done_to_nothing_else() -> None:
