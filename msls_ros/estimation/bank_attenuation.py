@@ -73,11 +73,7 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: 
         b[i] = 0.0
         share[i] = 0.0
     for n in range(1, p):
-        variance = 0.0
-        if n <= noise.shape[0]:
-            variance = x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1])
-        elif s.effectors_from < n <= s.effectors_to:
-            variance = x.taken[g, m] * x.third_noise[n - s.effectors_from - 1]
+        variance = noise_in(s, x, g, n, m, noise)
         if variance <= NOTICED * x.info[g, n, m]:
             continue
         solve_column(x.R[g], m, n, w)
@@ -88,6 +84,16 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: 
         for j in range(p):
             share[j] += variance * w[j] * w[j] * x.info[g, j, m]
             b[j] += amount * amount * w[j] * w[j]
+
+
+@compiled
+def noise_in(s: BankSettings, x: BankState, g: int, n: int, m: int, noise: Array) -> float:
+    """Return ``n sigma^2`` of regressor n in what member m of group g remembers; noise as in `attenuation`."""
+    if n <= noise.shape[0]:
+        return float(x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1]))
+    if s.effectors_from < n <= s.effectors_to:
+        return float(x.taken[g, m] * x.third_noise[n - s.effectors_from - 1])
+    return 0.0
 
 
 @compiled

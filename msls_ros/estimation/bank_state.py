@@ -396,6 +396,10 @@ class BankState(NamedTuple):
     """(r, c) size of each effect when it was last known so well."""
     widened: Array
     """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
+    omitted: Array
+    """(p,) what `bank_omitted` adds to the squared errors of a row."""
+    carried: Array
+    """(r, p) squared errors of the estimates by the best that was known, when they were last looked at."""
     pending: Integers
     """(r,) 1 from an alarm of the row until it is settled what changed."""
     theta_before: Array
@@ -656,6 +660,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         answered=np.zeros(effectors, np.int64),
         effect=np.zeros((rows, effectors)),
         widened=np.ones((rows, p)),
+        omitted=np.zeros(p),
+        carried=np.full((rows, p), np.inf),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
         square_before=np.zeros((rows, p)),
@@ -725,6 +731,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
     x.known[:] = 1.0
     x.widened[:] = 1.0
+    x.carried[:] = math.inf
     x.energy_share[:] = 1.0
     x.e[:] = math.nan
     x.best_square[:] = math.inf

@@ -59,6 +59,7 @@ from msls_ros.estimation.bank_lags import (
     observe_lag,
 )
 from msls_ros.estimation.bank_mixing import sum_members
+from msls_ros.estimation.bank_omitted import add_omitted
 from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -500,6 +501,7 @@ def keep_best(
         observe_answers(s, x, q, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i, x.mixed[q, i])
+        x.carried[q, i] = carried
         x.square[q, i] = min(squares[i], carried) * doubt(s, x, i) + suspect_square(s, x, q, i)
         moved = math.inf
         if begun:
@@ -507,6 +509,10 @@ def keep_best(
             if s.effectors_from < i <= s.effectors_to:
                 moved *= min(x.widened[q, i], HIDDEN) if s.straddle == 0 else 1.0
         x.square_moved[q, i] = min(moved, carried)
+    if not begun:
+        return
+    add_omitted(s, x, q, leading_member(x, q), noise, bias, squares)
+    for i in range(squares.shape[0]):
         if squares[i] == math.inf:
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
@@ -555,7 +561,8 @@ def bank_errors(
     """
     p = errors.shape[0]
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
-    direct_squares(s, x, q, noise, products, bias, errors)
+    if direct_squares(s, x, q, noise, products, bias, errors):
+        add_omitted(s, x, q, leading_member(x, q), noise, bias, errors)
     sum_square = 0.0
     for i in range(p):
         errors[i] = min(errors[i], carried_square(s, x, q, i, x.mixed[q, i] + x.shift[q, i]))
