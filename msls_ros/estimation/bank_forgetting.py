@@ -222,6 +222,7 @@ def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> N
     x.drawn[q] = 0
     for i in range(x.shift.shape[1]):
         x.shift[q, i] = 0.0
+        x.correction[q, i] = 0.0
     x.theta[q, x.theta.shape[1] - 1] = x.mixed[q, 0]
 
 

@@ -346,6 +346,7 @@ def restart_row(x: BankState, q: int) -> None:
     for i in range(p):
         x.best_square[q, i] = math.inf
         x.shift[q, i] = 0.0
+        x.correction[q, i] = 0.0
         x.square[q, i] = math.inf
         x.square_lately[0, q, i] = 0.0
         x.square_lately[1, q, i] = 0.0

@@ -19,8 +19,9 @@ Effects of states alone, each by itself. A fault takes effectors away, and what 
 and with covariances, where an effect changes slowly others would move with those that are drawn back (F-16, a
 stabilator lost over 5 s, noise-free: error after it .0012, with either .006 to .013 of the value before).
 
-The constant is such that the prediction for the regressor of now stays the same. This is what is published alone:
-members, detector and what is kept go on without it. Its error is the smaller one of now and then, as before.
+Both without the bias that noise in the regressors makes, as far as it is known (`bank_correction`). The constant is
+such that the prediction for the regressor of now stays the same. This is what is published alone: members, detector and
+what is kept go on without it. Its error is the smaller one of now and then, as before.
 
 References
 ----------
@@ -50,7 +51,7 @@ FEW = 4
 
 @compiled
 def shrink(s: BankSettings, x: BankState, q: int, squares: Array) -> None:
-    """Fill in ``x.shift[q]``, by how much what row q's states do is drawn back.
+    """Fill in ``x.shift[q]``: the correction of row q's estimates, and by how much what states do is drawn back.
 
     Parameters
     ----------
@@ -63,11 +64,19 @@ def shrink(s: BankSettings, x: BankState, q: int, squares: Array) -> None:
     """
     x.drawn[q] = 0
     x.shift[q, 0] = 0.0
-    for i in range(1, s.effectors_from + 1):
-        share = share_of_now(s, x, q, i, squares[i])
-        x.shift[q, i] = (x.best[q, i] - x.mixed[q, i]) / (1.0 + share) if share < math.inf else 0.0
+    for i in range(1, x.shift.shape[1]):
+        x.shift[q, i] = x.correction[q, i]
+        share = share_of_now(s, x, q, i, squares[i]) if i <= s.effectors_from else math.inf
         if share < math.inf:
+            x.shift[q, i] += moved_since(x, q, i) / (1.0 + share)
+        if x.shift[q, i] != 0.0:
             x.drawn[q] = 1
+
+
+@compiled
+def moved_since(x: BankState, q: int, i: int) -> float:
+    """Return by how much the best that was known of coefficient i of row q differs from what is now, both corrected."""
+    return float(x.best[q, i] + x.best_correction[q, i] - x.mixed[q, i] - x.correction[q, i])
 
 
 @compiled
@@ -85,7 +94,7 @@ def share_of_now(s: BankSettings, x: BankState, q: int, i: int, square: float) -
         return math.inf
     now = residual_variance(x, q) / x.known[q, i] * (x.widened[q, i] - 1.0)
     then = max(known_square(s, x, q, i, x.best[q, i]), x.late_square[1, q, i])
-    moved = x.best[q, i] - x.mixed[q, i]
+    moved = moved_since(x, q, i)
     if not now > 0.0:
         return math.inf
     ratio = then / (CLEARLY * CLEARLY * now)

@@ -396,8 +396,16 @@ class BankState(NamedTuple):
     """(r, c) size of each effect when it was last known so well."""
     widened: Array
     """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
-    omitted: Array
-    """(p,) what `bank_omitted` adds to the squared errors of a row."""
+    correction: Array
+    """(r, p) what noise in the regressors has taken from the estimates, see `bank_correction`, constant first."""
+    best_correction: Array
+    """(r, p) that of the best estimates."""
+    columns: Array
+    """Scratch of `bank_correction`: (p, p) columns of the inverse information, of what has noise."""
+    removed: Array
+    """(p,) what each has been made of it by; what is published then; what is left of its square."""
+    corrected: Array
+    uncorrected: Array
     carried: Array
     """(r, p) squared errors of the estimates by the best that was known, when they were last looked at."""
     pending: Integers
@@ -454,7 +462,7 @@ class BankState(NamedTuple):
     best_place: Array
     """(r, p, v + w + 1) where they were known."""
     shift: Array
-    """(r, p) by how much what is published is drawn back to them, constant first, see `bank_shrinkage`."""
+    """(r, p) what is added to what is published, constant first, see `bank_shrinkage`."""
     drawn: Integers
     """(r,) 1 where it is."""
     place: Array
@@ -660,7 +668,12 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         answered=np.zeros(effectors, np.int64),
         effect=np.zeros((rows, effectors)),
         widened=np.ones((rows, p)),
-        omitted=np.zeros(p),
+        correction=np.zeros((rows, p)),
+        best_correction=np.zeros((rows, p)),
+        columns=np.zeros((p, p)),
+        removed=np.zeros(p),
+        corrected=np.zeros(p),
+        uncorrected=np.zeros(p),
         carried=np.full((rows, p), np.inf),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),

@@ -51,6 +51,7 @@ import math
 
 from msls_ros.estimation.bank_attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
+from msls_ros.estimation.bank_correction import correct
 from msls_ros.estimation.bank_effector_noise import state_noise
 from msls_ros.estimation.bank_lags import (
     KEEP,
@@ -59,7 +60,6 @@ from msls_ros.estimation.bank_lags import (
     observe_lag,
 )
 from msls_ros.estimation.bank_mixing import sum_members
-from msls_ros.estimation.bank_omitted import add_omitted
 from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -510,15 +510,18 @@ def keep_best(
                 moved *= min(x.widened[q, i], HIDDEN) if s.straddle == 0 else 1.0
         x.square_moved[q, i] = min(moved, carried)
     if not begun:
+        for i in range(squares.shape[0]):
+            x.correction[q, i] = 0.0
         return
-    add_omitted(s, x, q, leading_member(x, q), noise, bias, squares)
+    correct(s, x, q, leading_member(x, q), noise, bias, squares)
     for i in range(squares.shape[0]):
         if squares[i] == math.inf:
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
         lately = max(x.square_lately[0, q, i], x.square_lately[1, q, i])
-        if lately <= known_square(s, x, q, i, x.mixed[q, i]):
+        if lately <= known_square(s, x, q, i, x.mixed[q, i] + x.correction[q, i] - x.best_correction[q, i]):
             x.best[q, i] = x.mixed[q, i]
+            x.best_correction[q, i] = x.correction[q, i]
             x.best_square[q, i] = lately
             x.best_time[q, i] = x.clock[0]
             for j in range(x.place.shape[0]):
@@ -562,10 +565,11 @@ def bank_errors(
     p = errors.shape[0]
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
     if direct_squares(s, x, q, noise, products, bias, errors):
-        add_omitted(s, x, q, leading_member(x, q), noise, bias, errors)
+        correct(s, x, q, leading_member(x, q), noise, bias, errors)
     sum_square = 0.0
     for i in range(p):
-        errors[i] = min(errors[i], carried_square(s, x, q, i, x.mixed[q, i] + x.shift[q, i]))
+        value = x.mixed[q, i] + x.shift[q, i] - x.best_correction[q, i]
+        errors[i] = min(errors[i], carried_square(s, x, q, i, value))
         part = s.exponent[i] * phi[i]
         if part != 0.0:
             sum_square += part * part * errors[i]

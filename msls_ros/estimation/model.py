@@ -203,9 +203,8 @@ def fill_bank_model(
                 out.a_std[row, column] = errors[i]
                 out.a_reliable[row, column] = reliable
                 if known:
-                    best.a_best[row, column] = (
-                        theta + power * (state.best[q, j] - state.mixed[q, j] - state.shift[q, j]) + fixed
-                    )
+                    kept = state.best[q, j] + state.best_correction[q, j]
+                    best.a_best[row, column] = theta + power * (kept - state.mixed[q, j] - state.shift[q, j]) + fixed
                     square = power * power * state.best_square[q, j]
                     slope = slope_by_speed(s, phi, j, ratio)
                     if slope != 0.0:
@@ -217,7 +216,7 @@ def fill_bank_model(
                 out.b_std[row, i - r] = errors[i]
                 out.b_reliable[row, i - r] = reliable
                 if known:
-                    best.b_best[row, i - r] = power * state.best[q, j]
+                    best.b_best[row, i - r] = power * (state.best[q, j] + state.best_correction[q, j])
                     best.b_best_std[row, i - r] = power * math.sqrt(state.best_square[q, j] * doubt(s, state, j))
                     best.b_best_time[row, i - r] = state.best_time[q, j]
 
