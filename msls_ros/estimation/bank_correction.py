@@ -11,15 +11,18 @@ bias). With ``n sigma^2`` known it is none of the information, ``V' = (R'R - d e
 
     theta' = theta + V_k d theta_k / (1 - d V_kk),        d = rho n white_k
 
-one noisy regressor after the other (Sherman and Morrison). White noise is the least of what the state does beyond its
-derivative (`regressor_noise`), of what its third differences hold, and of what makes the residual of the row,
-``s^2/theta_k^2``: delays and steps of inputs make the first, dither the second, but not all three. Known to a relative
-error ``e`` it says the bias to ``x = e/(1 - lambda_k)`` of itself, so ``rho = 1/(1 + x^2)`` of it errs least in the
-mean square, and leaves ``1 - rho`` of the square. Of what is not white a fifth counts, as in `bank_attenuation`.
+one noisy regressor after the other (Sherman and Morrison). White noise is the least of what a step of the state beyond
+its derivative takes back in the next (`regressor_noise`), of what its third differences hold, and of what makes the
+residual of the row, ``s^2/theta_k^2``: steps of inputs make the first, dither and gusts, which are no error of the
+regressor, the second, but not all three. Known to a relative error ``e`` it says the bias to ``x = e/(1 - lambda_k)``
+of itself, so ``rho = 1/(1 + x^2)`` of it errs least in the mean square, and leaves ``1 - rho`` of the square. Of what
+is not white a fifth counts, as in `bank_attenuation`. Through windows nothing is corrected: derivatives are made of the
+noise in the states there, of which is only known that it is no more than so much (with it the errors of JSBSim's
+aircraft were 1.13 times as large).
 
-What is left of it, and the error of ``theta_k`` itself, is an error of every other effect, in full: the larger of what
-noise says and of the estimate by its reliability ratio, no more than by the best that was known, or by what a fault
-leaves of a state's effect (`bank_forgetting`). ``V_jk`` is of n samples; of two regressors that have nothing to do with
+What is left of it is an error of every effect, as in `bank_attenuation`. The error of ``theta_k``
+itself is one of all others, in full, but no more than by the best that was known, or by what a fault leaves of a
+state's effect (`bank_forgetting`). ``V_jk`` is of n samples; of two regressors that have nothing to do with
 each other its square is ``V_jj V_kk / n`` by chance, and twice that does not count.
 
 It is a matter of what is published and of the best that is kept. Members, detector and names compare estimates with
@@ -84,7 +87,7 @@ def correct(s: BankSettings, x: BankState, q: int, m: int, noise: Array, bias: A
         solve_column(x.R[x.group[q]], m, n, x.columns[n])
         doubtful = VAGUE * (1.0 + hidden_share(x, q, n))
         vague = doubtful * doubtful / (1.0 + doubtful * doubtful)
-        white = white_share(x, q, m, n, variance) if n <= noise.shape[0] else 1.0
+        white = white_share(s, x, q, m, n, variance)
         missing = vague * white * white + ATTENUATED * (1.0 - white) * (1.0 - white)
         add_uncorrected(s, x, q, m, n, variance, missing, squares[n] - bias[n])
         remove_noise(x, n, (1.0 - vague) * white * variance)
@@ -100,9 +103,16 @@ def hidden_share(x: BankState, q: int, n: int) -> float:
 
 
 @compiled
-def white_share(x: BankState, q: int, m: int, n: int, variance: float) -> float:
-    """Return the share of ``variance``, of the noise in state n of what member m remembers, that is white for row q."""
-    white = x.state_median[n - 1] / MEDIAN
+def white_share(s: BankSettings, x: BankState, q: int, m: int, n: int, variance: float) -> float:
+    """Return the share of ``variance``, of the noise in regressor n that member m remembers, that is white for row q.
+
+    Of deflections all, or `bank_effector_noise` would not know of it. Through windows none.
+    """
+    if s.straddle > 0:
+        return 0.0
+    if n > s.effectors_from:
+        return 1.0
+    white = min(x.state_median[n - 1] / MEDIAN, x.white_states[n - 1])
     effect = x.mixed[q, n]
     if x.residual[q, 1] > 0.0 and effect != 0.0:
         white = min(white, x.residual[q, 0] / (x.residual[q, 1] * effect * effect))
@@ -118,22 +128,21 @@ def add_uncorrected(
     ``missing``: share of its square; ``square``: the squared error of effect n without bias.
     """
     g = x.group[q]
-    column = x.columns[n]
-    whole = x.mixed[q, n] * (1.0 + hidden_share(x, q, n))
-    own = missing * whole * whole
-    unknown = min(square + own, x.carried[q, n])
+    column, theta = x.columns[n], x.mixed[q, n]
+    hidden = hidden_share(x, q, n)
+    unknown = min(square + missing * theta * theta * (1.0 + hidden) * (1.0 + hidden), x.carried[q, n])
     if n <= s.effectors_from and x.kept_info[g, n] > 0.0 and x.residual[q, 1] > 0.0:
         unknown = min(unknown, x.residual[q, 0] / (x.residual[q, 1] * x.kept_info[g, n]))
     turned = turned_part(s, x, q, n, m)
     if turned != 0.0:
         turned = entering_part(s, x, q, n, turned)
+    known = missing * theta * theta + ATTENUATED * turned * turned
     for j in range(column.shape[0]):
+        part = 1.0 + hidden_share(x, q, j)
+        x.uncorrected[j] += variance * variance * column[j] * column[j] * known * part * part
         beyond = column[j] * column[j] - CHANCE * column[n] / (x.info[g, j, m] * x.taken[g, m])
-        if j == n:
-            x.uncorrected[j] += variance * variance * column[j] * column[j] * own
-        elif beyond > 0.0:
+        if j != n and beyond > 0.0:
             x.uncorrected[j] += variance * variance * beyond * unknown
-        x.uncorrected[j] += ATTENUATED * variance * variance * turned * turned * column[j] * column[j]
 
 
 @compiled

@@ -47,7 +47,7 @@ class BankRegression:
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, the first regressors, as these; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
-        self._observed = np.zeros(0), np.zeros((0, rows))
+        self._observed = np.zeros(0), np.zeros((0, 2 * rows))
         self._advance = Bound(advance_bank)
         self.reset()
 
@@ -149,10 +149,10 @@ class BankRegression:
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
-            self._observed = np.zeros(len(phi)), np.zeros((len(phi), y.shape[1]))
+            self._observed = np.zeros(len(phi)), np.zeros((len(phi), 2 * y.shape[1]))
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
-        for q, one in enumerate(self._observed[1][done - 1].tolist()):
+        for q, one in enumerate(self._observed[1][done - 1, : len(self.noise)].tolist()):
             self.noise[q] = one * power_of(self.settings, q + 1, ratio_of(self.state)) ** 2
         if out.restart[done - 1] != SOUND:
             self.reset()
@@ -160,7 +160,7 @@ class BankRegression:
         return done
 
     def observe(self, time: Array, noise: Array) -> None:
-        """Take time, (n,) [s], and variance of the noise in the states, (n, r), of the samples that come next."""
+        """Take time, (n,) [s], and variances of `observe_defect`, (n, 2 r), of the samples that come next."""
         self._observed = time, noise
 
     @property

@@ -102,7 +102,7 @@ def advance_bank(
     out
         What happened, per sample.
     time, noise
-        (n,) [s], and (n, r) variance of the noise in the states.
+        (n,) [s], and (n, 2 r) variance of the noise in the states, and of what is white of it.
     """
     p = phi.shape[1]
     for n in range(start, stop):
@@ -112,7 +112,9 @@ def advance_bank(
         observe_quanta(s, x, phi[n])
         scale_regressors(s, x, work.phi)
         for q in range(y.shape[1]):
-            work.noise[q] = noise[n, q] * power_of(s, q + 1, ratio_of(x)) * power_of(s, q + 1, ratio_of(x))
+            unit = power_of(s, q + 1, ratio_of(x))
+            work.noise[q] = noise[n, q] * unit * unit
+            x.white_states[q] = noise[n, y.shape[1] + q] * unit * unit
         if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)

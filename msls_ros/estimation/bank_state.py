@@ -388,6 +388,8 @@ class BankState(NamedTuple):
     """(r,) how many samples these hold."""
     state_median: Array
     """(r,) median square of their third differences, of the size of their noise."""
+    white_states: Array
+    """(r,) variance of white noise in the states, as regressors, where derivatives are measured."""
     third_noise: Array
     """(c,) variance of the noise in the deflections."""
     answered: Integers
@@ -664,6 +666,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         entry=np.zeros((rows, rows)),
         entry_samples=np.zeros(rows),
         state_median=np.zeros(rows),
+        white_states=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),
         effect=np.zeros((rows, effectors)),

@@ -410,7 +410,7 @@ class Identifier:
             turning = self.configuration.known_rotation
             build_regression(x, xdot, delta, self._kept, self._forces, self._states, turning, phi, y)
             if isinstance(self._regression, BankRegression):
-                noise = np.empty((count, len(self._kept)))
+                noise = np.empty((count, 2 * len(self._kept)))
                 observe_defect(self._defect, time, x, xdot, self._kept, noise)
                 self._regression.observe(time, noise)
         return Samples(time, x, xdot, delta, phi, y, self._regression.make_output(count))

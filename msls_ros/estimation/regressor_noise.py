@@ -16,6 +16,11 @@ A gust changes over seconds, and in the first of them hardly shows: with n indep
 the variance counts ``n / (n - 2)`` times. D holds the noise of the derivative as well, which grows as L^2 while that is
 correlated. Gyros have no gusts, and their noise is white for the most part, so for rates a short window will do.
 
+How much of it is white noise says the covariance of one step's difference with the last one: white noise is in both,
+once with either sign, and a gust, whose steps are new ones each time, is not::
+
+    d_k = x_k - x_(k-1) - (xdot_k + xdot_(k-1)) dt/2,      sigma_white^2 = - mean d_k d_(k-1)
+
 Nothing is seen where the derivatives were made from the states.
 
 References
@@ -66,6 +71,8 @@ class Defect(NamedTuple):
     """(L, v) the last derivatives."""
     skew: Array
     """(3, v) mean change of the derivative over the window; about it, mean products with the sum, and squares."""
+    lagged: Array
+    """(3, v) the last step's difference, mean product of it with the one before, number of these."""
     total: Array
     """(v,) their sum."""
     mean: Array
@@ -86,8 +93,9 @@ def make_defect(states: Sequence[str], sample_rate: float) -> Defect:
     size, count = int(sizes.max()), len(states)
     total, mean, variance = np.zeros(count), np.zeros(count), np.zeros(count)
     steps, rates, skew = np.zeros((size, count)), np.zeros((size, count)), np.zeros((3, count))
+    lagged = np.zeros((3, count))
     last, clock, filled = np.zeros((2, count)), np.zeros(2), np.zeros(2, np.int64)
-    return Defect(last, steps, rates, skew, total, mean, variance, clock, filled, sizes)
+    return Defect(last, steps, rates, skew, lagged, total, mean, variance, clock, filled, sizes)
 
 
 def clear_defect(defect: Defect) -> None:
@@ -112,7 +120,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
     columns
         (v,) where the states stand.
     noise
-        (n, v) out: variance of their noise after each sample.
+        (n, 2 v) out: variance of their noise after each sample, and that of white noise.
     """
     longest = defect.steps.shape[0]
     for k in range(time.shape[0]):
@@ -122,6 +130,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
         if defect.filled[0] < 0:
             for j in range(columns.shape[0]):
                 defect.total[j] = 0.0
+                defect.lagged[0, j] = 0.0
                 for i in range(longest):
                     defect.steps[i, j] = 0.0
         full = defect.filled[0] >= longest
@@ -136,6 +145,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 d = v - defect.last[0, j] - 0.5 * step * (a + defect.last[1, j])
                 defect.total[j] += d - defect.steps[slot, j]
                 defect.steps[slot, j] = d
+                observe_step(defect, j, d, step)
             if full:
                 change = a - defect.rates[defect.filled[0] % defect.size[j], j]
                 defect.mean[j] += gain * (defect.total[j] - defect.mean[j])
@@ -156,6 +166,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 defect.mean[j] = v - (1.0 - own) * deviation
                 defect.variance[j] = (1.0 - own) * (defect.variance[j] + own * deviation * deviation)
                 noise[k, j] = defect.variance[j]
+            noise[k, columns.shape[0] + j] = max(-defect.lagged[1, j], 0.0)
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v
@@ -163,3 +174,15 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0
         defect.clock[0] = time[k]
         defect.filled[0] += 1
+
+
+@compiled
+def observe_step(defect: Defect, j: int, d: float, step: float) -> None:
+    """Update the mean product of state j's last two differences with ``d``, of a step of that length [s]."""
+    last = defect.lagged[0, j]
+    defect.lagged[0, j] = d
+    if last == 0.0:
+        return
+    defect.lagged[2, j] += 1.0
+    gain = max(1.0 / defect.lagged[2, j], step / MEMORY)
+    defect.lagged[1, j] += gain * (last * d - defect.lagged[1, j])
