@@ -20,7 +20,7 @@ is not white a fifth counts, as in `bank_attenuation`. Through windows nothing i
 noise in the states there, of which is only known that it is no more than so much (with it the errors of JSBSim's
 aircraft were 1.13 times as large).
 
-What is left of it is an error of every effect, as in `bank_attenuation`. The error of ``theta_k``
+What is left of it is an error of every effect, as in `bank_attenuation`. The error of a state's ``theta_k``
 itself is one of all others, in full, but no more than by the best that was known, or by what a fault leaves of a
 state's effect (`bank_forgetting`). ``V_jk`` is of n samples; of two regressors that have nothing to do with
 each other its square is ``V_jj V_kk / n`` by chance, and twice that does not count.
@@ -53,6 +53,12 @@ Made-up linear aircraft at 200 Hz, seeds 4120 to 4159, and others 206, as measur
 """
 VAGUE = 0.25
 """e: relative error of the variance of white noise [1]. In flights of `test_bank_correction` it is off by .1 to .2."""
+MOST = 9.0
+"""Noise over motion of which an effect's error counts for others at most [1]: a tenth is motion.
+
+With 99, as for the effect itself, bars of an F-16 with dither are ten times as wide as its errors and bars of b43 come
+and go between 1 and 2.5 s: regressors that are slow have more in common by chance than n samples say.
+"""
 DETERMINED = 0.2
 """Share of a regressor's information that must be left without its noise: one alone leaves .56 and more."""
 
@@ -106,12 +112,10 @@ def hidden_share(x: BankState, q: int, n: int) -> float:
 def white_share(s: BankSettings, x: BankState, q: int, m: int, n: int, variance: float) -> float:
     """Return the share of ``variance``, of the noise in regressor n that member m remembers, that is white for row q.
 
-    Of deflections all, or `bank_effector_noise` would not know of it. Through windows none.
+    Of deflections none: until an output has answered it, dither is noise (`bank_effector_noise`).
     """
-    if s.straddle > 0:
+    if s.straddle > 0 or n > s.effectors_from:
         return 0.0
-    if n > s.effectors_from:
-        return 1.0
     white = min(x.state_median[n - 1] / MEDIAN, x.white_states[n - 1])
     effect = x.mixed[q, n]
     if x.residual[q, 1] > 0.0 and effect != 0.0:
@@ -129,9 +133,13 @@ def add_uncorrected(
     """
     g = x.group[q]
     column, theta = x.columns[n], x.mixed[q, n]
-    hidden = hidden_share(x, q, n)
-    unknown = min(square + missing * theta * theta * (1.0 + hidden) * (1.0 + hidden), x.carried[q, n])
-    if n <= s.effectors_from and x.kept_info[g, n] > 0.0 and x.residual[q, 1] > 0.0:
+    few = min(hidden_share(x, q, n), MOST)
+    unknown = square * (1.0 + few * few) / x.widened[q, n] + missing * theta * theta * (1.0 + few) * (1.0 + few)
+    unknown = min(unknown, x.carried[q, n])
+    most = min(variance, 1.0 / column[n])
+    if n > s.effectors_from:
+        unknown = 0.0
+    elif x.kept_info[g, n] > 0.0 and x.residual[q, 1] > 0.0:
         unknown = min(unknown, x.residual[q, 0] / (x.residual[q, 1] * x.kept_info[g, n]))
     turned = turned_part(s, x, q, n, m)
     if turned != 0.0:
@@ -142,7 +150,7 @@ def add_uncorrected(
         x.uncorrected[j] += variance * variance * column[j] * column[j] * known * part * part
         beyond = column[j] * column[j] - CHANCE * column[n] / (x.info[g, j, m] * x.taken[g, m])
         if j != n and beyond > 0.0:
-            x.uncorrected[j] += variance * variance * beyond * unknown
+            x.uncorrected[j] += most * most * beyond * unknown
 
 
 @compiled
