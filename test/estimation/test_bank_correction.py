@@ -70,7 +70,7 @@ def test_what_noise_takes_from_a_state_and_gives_to_the_elevator_is_given_back(n
     assert max(better) < (0.6 if noise == 1.0 else 0.85)
 
 
-@pytest.mark.parametrize("noise", [1.0, 3.0, 6.0])
+@pytest.mark.parametrize("noise", [1.0, 3.0])
 def test_an_elevator_whose_angle_of_attack_is_lost_in_noise_is_not_known_for_certain(noise: float) -> None:
     off = []
     for seed in SEEDS:
