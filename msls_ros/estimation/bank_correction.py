@@ -20,10 +20,10 @@ is not white a fifth counts, as in `bank_attenuation`. Through windows nothing i
 noise in the states there, of which is only known that it is no more than so much (with it the errors of JSBSim's
 aircraft were 1.13 times as large).
 
-What is left of it is an error of every effect, as in `bank_attenuation`. The error of a state's ``theta_k``
-itself is one of all others, in full, but no more than by the best that was known, or by what a fault leaves of a
-state's effect (`bank_forgetting`). ``V_jk`` is of n samples; of two regressors that have nothing to do with
-each other its square is ``V_jj V_kk / n`` by chance, and twice that does not count.
+What is left of it is an error of every effect, as in `bank_attenuation`. The error of a state's ``theta_k`` itself is
+one of all others, in full, but as if a tenth of it were motion at least (`MOST`), and no more than by the best that was
+known, or by what a fault leaves of a state's effect (`bank_forgetting`). ``V_jk`` is of n samples; of two regressors
+that have nothing to do with each other its square is ``V_jj V_kk / n`` by chance, and twice that does not count.
 
 It is a matter of what is published and of the best that is kept. Members, detector and names compare estimates with
 each other, and have the bias in both.
@@ -50,6 +50,7 @@ CHANCE = 2.0
 
 Made-up linear aircraft at 200 Hz, seeds 4120 to 4159, and others 206, as measured: with 1, B of v by dr covered .99, B
 1 to 4 s after an alarm called reliable .15; with 2, .98 and .27; with 4, .76 and .25; without all of this .56 and .27.
+That was before `MOST`.
 """
 VAGUE = 0.25
 """e: relative error of the variance of white noise [1]. In flights of `test_bank_correction` it is off by .1 to .2."""
