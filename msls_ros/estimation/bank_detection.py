@@ -53,7 +53,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_attenuation import doubt
-from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry
+from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry, rounding_noise
 from msls_ros.estimation.bank_energy import FIRST, observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
@@ -146,6 +146,7 @@ def sense_bank(
         surprise = smaller / expected
         signed = (sharp if square < error * error else error) / math.sqrt(expected)
         moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
+        moved += rounding_square(s, x, q)
         armed = x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest
         if armed:
             statistic[q] = change_of(s, x, q, surprise, moved, unknown)
@@ -206,6 +207,16 @@ def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
     if not s.effectors_from < i <= s.effectors_to:
         return 0.0
     return float(BY_NOISE * x.third_noise[i - s.effectors_from - 1])
+
+
+@compiled
+def rounding_square(s: BankSettings, x: BankState, q: int) -> float:
+    """Squared error that row q may have by the rounding of the recorded deflections."""
+    total = 0.0
+    for j in range(x.quantum.shape[1]):
+        effect = x.mixed[q, s.effectors_from + 1 + j]
+        total += effect * effect * rounding_noise(s, x, j)
+    return total
 
 
 @compiled

@@ -27,9 +27,10 @@ with the block's sums C of answers times second differences and P of their squar
 Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
 The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
 
-Records have a step of their own, too (`observe_quanta`): of a deflection that goes to and back by exactly as much the
-rounding is in doubt, a twelfth of the least such step squared, however rarely it shows. A median does not see it: of an
-effector that rests most differences are none, and a few of a whole step.
+Records have a step of their own, too (`observe_quanta`): all differences are multiples of the least one. What is
+rounded off is noise, a twelfth of that step squared, whether an output answers or not, however rarely it shows. A median
+does not see it: of an effector that rests most differences are none, and a few of a whole step. It is not white where
+the effector moves by less than a step, and then up to a quarter of it squared: where a loss is looked for, that counts.
 
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares
@@ -62,10 +63,20 @@ SMALLEST = 1e-12
 """Least median over the square of the bank's unit: deflections that are computed have no noise."""
 ROUNDING = 1.0 / 12.0
 """Variance of what rounding takes off, over the square of its step [1]."""
-OFTEN = 3.0
-"""So many times a record must have gone to and back by its least step: a single value that is wrong does so once."""
-ALIKE_STEP = 1e-6
-"""By which share steps may differ and count as the same: they are differences of rounded numbers."""
+SLOW_ROUNDING = 0.25
+"""The most that it can be: no value is off by more than half a step [1]."""
+OFTEN, SURE = 3.0, 12.0
+"""So many times a record must have moved by its least step, to be believed; and no more are counted."""
+OTHERWISE = 4.0
+"""So many times less it has, where it moves by what is no multiple: a single value that is wrong is two such steps."""
+LEVELS = 10.0
+"""Over so many steps a record must have moved: doublets are steps of a few levels, too."""
+ALIKE_STEP = 1e-3
+"""By which share of a step multiples may differ from it: records are in single precision, too [1]."""
+RESTING = 1e-9
+"""By which share of its range a record may move, and rests: through windows it is a sum [1]."""
+FIRST_VALUES = 20
+"""Among so many values a median begins with the first that is not nothing: in steps, noise is that now and then."""
 EDGE = 9.0
 """Squared standard deviations, as the median has them, beyond which a difference is an edge."""
 QUIET = 1.5
@@ -98,31 +109,55 @@ taken for noise stays so, though it is answered later; without noise 12 where a 
 
 @compiled
 def observe_quanta(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Update the least step by which recorded deflections have gone to and back, and how often; phi (p,) as it came."""
+    """Update the least step of recorded deflections, how often it has shown, their range and rest; phi (p,) as it came.
+
+    It shows where a record rests and goes by it to where it rests again, through a window or not, or goes to and back.
+    """
     k = x.samples[0]
     for j in range(x.quantum.shape[1]):
-        now, last, before = phi[s.effectors_from + j], x.recorded[(k - 1) % 2, j], x.recorded[k % 2, j]
+        now = phi[s.effectors_from + j]
+        last, before = x.recorded[(k - 1) % 2, j], x.recorded[k % 2, j]
         x.recorded[k % 2, j] = now
-        step = abs(last - now)
-        if k < 2 or now != before or step == 0.0:
+        own = x.quantum[:, j]
+        if k < 2:
+            own[2] = now if k == 0 else min(own[2], now)
+            own[3] = now if k == 0 else max(own[3], now)
+            own[4] = now
             continue
-        if x.quantum[1, j] == 0.0 or step < (1.0 - ALIKE_STEP) * x.quantum[0, j]:
-            x.quantum[0, j] = step
-            x.quantum[1, j] = 1.0
-        elif step < (1.0 + ALIKE_STEP) * x.quantum[0, j]:
-            x.quantum[1, j] += 1.0
+        own[2] = min(own[2], now)
+        own[3] = max(own[3], now)
+        step = abs(last - now) if now == before else 0.0
+        if abs(now - last) <= RESTING * (own[3] - own[2]):
+            step = abs(now - own[4])
+            own[4] = now
+        moved = abs(now - last) if s.straddle == 0 else step
+        times = moved / own[0] if own[0] > 0.0 else 0.0
+        whole = math.floor(times + 0.5)
+        if moved > RESTING * (own[3] - own[2]) and (whole < 1.0 or abs(times - whole) > ALIKE_STEP * whole):
+            own[1] = max(own[1] - OTHERWISE, 0.0)
+        if step > RESTING * (own[3] - own[2]):
+            if own[1] == 0.0:
+                own[0] = step
+            if abs(step - own[0]) <= ALIKE_STEP * own[0]:
+                own[1] = min(own[1] + 1.0, SURE)
 
 
 @compiled
 def most_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Return the most that the variance of the noise in effector j can be: by third differences, or by its quantum."""
-    return float(max(x.third_median[j] / MEDIAN, rounding_noise(s, x, j)))
+    return float(max(x.third_median[j] / MEDIAN, white_rounding(s, x, j)))
+
+
+@compiled
+def white_rounding(s: BankSettings, x: BankState, j: int) -> float:
+    """Return as much of the rounding of effector j as is white: what of it has passed a window, differences show."""
+    return rounding_noise(s, x, j) if s.straddle == 0 else 0.0
 
 
 @compiled
 def rounding_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Return the variance of the rounding of effector j in its record."""
-    if x.quantum[1, j] < OFTEN:
+    if x.quantum[1, j] < OFTEN or x.quantum[3, j] - x.quantum[2, j] <= LEVELS * x.quantum[0, j]:
         return 0.0
     step = x.quantum[0, j] * power_of(s, s.effectors_from + 1 + j, ratio_of(x))
     return float(ROUNDING * step * step)
@@ -150,7 +185,7 @@ def observe_whites(s: BankSettings, x: BankState, phi: Array) -> None:
         white = third if s.straddle > 0 else second
         x.white_median[j] = median_of(x.white_median[j], white, SMALLEST * s.sigma[i] * s.sigma[i], begun)
         x.rest_energy[j] += x.quick[i] * x.quick[i]
-        inside = begun >= 0 and white * white < EDGE * max(x.white_median[j] / MEDIAN, rounding_noise(s, x, j))
+        inside = begun >= 0 and white * white < EDGE * max(x.white_median[j] / MEDIAN, white_rounding(s, x, j))
         x.white[j] = white if inside else 0.0
 
 
@@ -160,7 +195,7 @@ def median_of(median: float, value: float, least: float, begun: int) -> float:
     if begun < 0:
         return median
     square = value * value
-    if begun == 0:
+    if begun == 0 or (begun < FIRST_VALUES and median <= least):
         return square
     pace = 1.0 + max(PACE, FIRST_PACE / (begun + 1.0))
     return max(median * pace if square > median else median / pace, least)
@@ -332,7 +367,7 @@ def find_noise(s: BankSettings, x: BankState) -> None:
                 most = max(most, x.white_cross[q, j] * x.white_cross[q, j] / variance)
         found = most_noise(s, x, j)
         noise = min(max(2.0 - most / ANSWERED, 0.0), 1.0)
-        x.third_noise[j] = noise * found
+        x.third_noise[j] = max(noise * found, white_rounding(s, x, j))
         x.unanswered[j] = x.unanswered[j] + KEEP * s.period if most < ANSWERED and s.straddle == 0 else 0.0
         if x.unanswered[j] > QUIET:
             x.third_floor[j] = found
@@ -342,3 +377,9 @@ def find_noise(s: BankSettings, x: BankState) -> None:
 def resting_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Variance of the noise in effector j, no less than it had when no output answered, nor more than there can be."""
     return float(max(x.third_noise[j], min(x.third_floor[j], most_noise(s, x, j))))
+
+
+@compiled
+def slow_noise(s: BankSettings, x: BankState, j: int) -> float:
+    """Variance of it that cannot be excluded, of an effector that moves by less than a step of its record."""
+    return float(max(resting_noise(s, x, j), SLOW_ROUNDING / ROUNDING * rounding_noise(s, x, j)))

@@ -44,7 +44,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_effector_noise import resting_noise
+from msls_ros.estimation.bank_effector_noise import resting_noise, slow_noise
 from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
@@ -351,11 +351,13 @@ def compare_row(
     for i in range(1, before.shape[1]):
         along += work.steps[k, i] * work.w[i]
     noise = 0.0
+    most = 0.0
     for j in range(s.gains.shape[1]):
         weighed = s.gains[k, j] * count * resting_noise(s, x, j)
         noise += weighed * s.gains[k, j]
+        most += s.gains[k, j] * count * slow_noise(s, x, j) * s.gains[k, j]
         along += weighed * before[q, first + j]
-    if size <= noise / (1.0 - MOTION):
+    if size <= most / (1.0 - MOTION):
         return
     size -= noise
     work.against[q, k] = effect * along / n

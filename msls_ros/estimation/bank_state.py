@@ -341,7 +341,7 @@ class BankState(NamedTuple):
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
     quantum: Array
-    """(2, c) least step by which the recorded deflections have gone to and back, and how often."""
+    """(5, c) least step of the recorded deflections, how often it has shown, the least and largest, where one rested."""
     recorded: Array
     """(2, c) the last ones, a ring."""
     third_median: Array
@@ -642,7 +642,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unlike=np.zeros((2, rows, effectors)),
         late_square=np.zeros((2, rows, p)),
         deflections=np.zeros((3, effectors)),
-        quantum=np.zeros((2, effectors)),
+        quantum=np.zeros((5, effectors)),
         recorded=np.zeros((2, effectors)),
         third_median=np.zeros(effectors),
         third_floor=np.zeros(effectors),
