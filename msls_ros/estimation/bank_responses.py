@@ -243,6 +243,8 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         if lag > 0 and s.responses[now, 0] == 0:
             gained = min(gained, likelier(s, x, a, others + lag - 1))
         apart = s.responses[a, 1] + x.response_part[a] - s.responses[now, 1]
+        if lag > 0 and turns_round(s, x, a, now):
+            gained = min(gained, 0.0)
         if lag == s.responses[now, 0] and least_part(s, now) <= apart < 1.0 + BEYOND:
             gained = min(gained, 0.0)  # its delay lies within the reach of that of now
         x.response_evidence[a] += gain * (gained - FORGOTTEN * x.response_evidence[a])
@@ -327,6 +329,23 @@ def likelier(s: BankSettings, x: BankState, a: int, b: int) -> float:
 
 
 @compiled
+def turns_round(s: BankSettings, x: BankState, a: int, b: int) -> bool:
+    """Return whether effects by response a are contrary to those by b, by the rows that count, each over its output.
+
+    Deflections of before stand in for a state that they have made and that is noisy itself: by what it does, contrary.
+    """
+    states, last = s.effectors_from, s.effectors_from + 2 * x.response_effect.shape[2]
+    total = 0.0
+    for q in range(x.response_fit.shape[1]):
+        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) < ANSWERS:
+            continue
+        for j in range(x.response_effect.shape[2]):
+            moves = x.response_sums[b, states + j, states + j] / max(x.response_sums[b, last + q, last + q], TINY)
+            total += x.response_effect[a, q, j] * x.response_effect[b, q, j] * moves
+    return bool(total < 0.0)
+
+
+@compiled
 def seems_early(s: BankSettings, x: BankState, q: int) -> float:
     """Return by how much row q's output may seem to come early by the noise in its own state, over l.
 
@@ -362,6 +381,8 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
     own = 0.0
     for q in range(rows):
         find_row(s, x, a, q, d, factor, w, z)
+        for j in range(count):
+            x.response_effect[a, q, j] = w[states + 1 + j]
         x.response_row[q, 0] = w[0]
         x.response_row[q, 1] = z[0]
         x.response_row[q, 2] = z[1]
