@@ -311,6 +311,8 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
             keep_before(s, x, q)
     clear_factors(s, x, target)
     x.waiting[target] = s.straddle + 1 if s.straddle > 0 else 0
+    if x.response[0] > 0:  # of before, that is not known to a sample either
+        x.waiting[target] += reach_of(s, x)
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0

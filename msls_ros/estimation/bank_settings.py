@@ -290,7 +290,7 @@ def make_bank_settings(
         late=late,
         lags=np.array([(0.0, 0.0, 1.0), *(_lag(lag, period) for lag in LAGS)]),
         responses=np.array(
-            [(lag, back) for lag in range(1 + len(LAGS)) for back in range(3)]
+            [(lag, back) for lag in range(1 + len(LAGS)) for back in range(5 if lag < 2 else 3)]
             + [(0, -back) for back in range(1, 1 + EARLY)]
             + [(1 + number, -back) for number, back in enumerate(ahead)],
             np.int64,
