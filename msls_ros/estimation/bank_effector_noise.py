@@ -28,9 +28,10 @@ Where it adds up to a hundred to one that nothing answers, the block is all that
 The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
 
 Records have a step of their own, too (`observe_quanta`): all differences are multiples of the least one. What is
-rounded off is noise, a twelfth of that step squared, whether an output answers or not, however rarely it shows. A median
-does not see it: of an effector that rests most differences are none, and a few of a whole step. It is not white where
-the effector moves by less than a step, and then up to a quarter of it squared: where a loss is looked for, that counts.
+rounded off is noise, a twelfth of that step squared, whether an output answers or not, however rarely it shows. A
+median does not see it: of an effector that rests most differences are none, and a few of a whole step. It is not white
+where the effector moves by less than a step, and then up to a quarter of it squared: that counts where a loss is looked
+for (`slow_noise`).
 
 White noise that has passed a window has third differences of a known size, `BankSettings.third`. Of states that have
 passed one with their derivatives, made of the same signal, nothing else shows the noise (`regressor_noise` compares

@@ -5,7 +5,7 @@ lag of 30 to 70 ms. Least squares then finds a quarter of the effect of an ailer
 control law closes the loop the command also follows from the answer. A delay alone does not mend that (half of it is
 found), the lag has to be in the regressor. So a few responses are held against each other side by side, each of which
 takes the commands through no lag or one (`bank_settings.LAGS`), and back by whole steps of l samples
-(`BankSettings.late`)::
+(`BankSettings.late`, `bank_settings.BACKS`)::
 
     tau df/dt = command - f,      h_j = f_j(k - n l),   u_j = f_j(k - (n+1) l) - h_j
 
@@ -21,8 +21,10 @@ where rows count of which the effectors explain at least half of what the states
 which fits better whatever is late; so a lag must also be better than the same filter without its delay,
 ``f_j(k + tau)``, which is looked at in the past. Deflections may also be recorded late (a slow bus, a filter of their
 sensor): without a lag, n may be -1 or -2, and once that is taken states and outputs are held back by as much (`hold`).
-Noise in a row's own state makes it seem early too (`seems_early`); such rows do not count there. What is white in an
-output, by its third differences, is the noise of its sensor and none of what effectors should explain.
+Noise in a row's own state makes it seem early too (`seems_early`); such rows do not count there. And what deflections
+have made of such a state before is in their lag, more clearly than in its record: with the contrary sign of their
+effect, for it damps. A lag that turns effects round gains nothing (`turns_round`). What is white in an output, by its
+third differences, is the noise of its sensor and none of what effectors should explain.
 
 A response other than that of now is taken when its evidence is decisive (`DECISIVE`); all that has been learnt belongs
 to other regressors then, and every equation begins anew, as after an alarm. What is left of the delay, a fraction of l,

@@ -343,7 +343,7 @@ class BankState(NamedTuple):
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank_effector_noise`."""
     quantum: Array
-    """(5, c) least step of the recorded deflections, how often it has shown, the least and largest, where one rested."""
+    """(5, c) least step of the recorded deflections, how often it has shown, least and largest, where one rested."""
     recorded: Array
     """(2, c) the last ones, a ring."""
     third_median: Array

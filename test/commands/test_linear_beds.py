@@ -54,7 +54,10 @@ def test_what_is_said_is_counted(path: str) -> None:
     assert render([row]).startswith(f"1 linear aircraft, {path};")
 
 
-@pytest.mark.parametrize(("seed", "record"), [(4141, "coarse"), (4153, "coarse"), (4147, "late"), (4153, "late")])
+@pytest.mark.parametrize(
+    ("seed", "record"),
+    [(4141, "coarse"), (4205, "coarse"), (4229, "coarse"), (4285, "coarse"), (4147, "late"), (4153, "late")],
+)
 def test_rounded_or_late_records_of_deflections_are_no_losses(seed: int, record: str) -> None:
     """Before: an effector that rests by a step of its record, or an edge that comes a sample late, was named lost."""
     random = np.random.default_rng(seed)

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, Run, from_mapping
-from msls_ros.estimation.bank_effector_noise import entering_part, observe_quanta, rounding_noise, state_noise
+from msls_ros.estimation.bank_effector_noise import (
+    MEDIAN,
+    entering_part,
+    median_of,
+    observe_quanta,
+    rounding_noise,
+    state_noise,
+)
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
@@ -426,19 +434,60 @@ def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is(
     assert found[199, 0] == pytest.approx(np.var(x), rel=0.5)
 
 
-def test_the_step_of_a_record_is_believed_when_it_has_shown_three_times() -> None:
-    """A single wrong value goes to and back as well, by what no step is; what moves for longer says nothing."""
-    engine = Identifier(from_mapping(SMALL))._regression
+def roundings(record: Sequence[float], straddle: int = 0) -> list[float]:
+    """Return what is found of the rounding of a record of deflections, sample by sample."""
+    engine = Identifier(from_mapping(SMALL), straddle)._regression
     assert isinstance(engine, BankRegression)
     s, x = engine.settings, engine.state
-    sequence = [0.0, 0.05, 0.0, 0.0, 0.002, 0.0, 0.0, 0.004, 0.0, 0.002, 0.002, 0.0, 0.002, 0.0]
     found = []
-    for value in sequence:
+    for value in record:
         phi = np.zeros(s.sigma.shape[0])
         phi[s.effectors_from] = value
         observe_quanta(s, x, phi)
         found.append(rounding_noise(s, x, 0))
         x.samples[0] += 1
+    assert rounding_noise(s, x, 1) == 0.0
+    return found
+
+
+def test_the_step_of_a_record_is_believed_when_it_has_shown_three_times() -> None:
+    """A single wrong value goes to and back as well, by what no step is."""
+    found = roundings([0.0, 0.05, 0.0, 0.0, 0.002, 0.0, 0.0, 0.004, 0.0, 0.002, 0.002, 0.0, 0.002, 0.0])
     assert found[:12] == [0.0] * 12
     assert found[-1] == pytest.approx(0.002**2 / 12.0)
-    assert rounding_noise(s, x, 1) == 0.0
+
+
+@pytest.mark.parametrize("single", [False, True], ids=["double precision", "single precision"])
+@pytest.mark.parametrize("straddle", [0, 4], ids=["as recorded", "through a window"])
+def test_the_step_of_a_record_shows_where_it_moves_smoothly_and_rests(straddle: int, single: bool) -> None:
+    """One value that is no multiple, as an interpolated or a wrong one, does not make it forgotten."""
+    t = 0.01 * np.arange(3000)
+    record = 0.002 * np.round((0.06 * np.sin(0.5 * t)) / 0.002)
+    if single:
+        record = record.astype(np.float32).astype(np.float64)
+    whole = np.convolve(record, np.full(straddle + 1, 1.0 / (straddle + 1)), "valid")
+    whole[-100] += 0.0007 if straddle == 0 else 0.0
+    assert roundings(list(whole), straddle)[-1] == pytest.approx(0.002**2 / 12.0, rel=1e-2)
+
+
+@pytest.mark.parametrize("straddle", [0, 4], ids=["as recorded", "through a window"])
+def test_commands_and_noise_are_no_steps_of_a_record(straddle: int) -> None:
+    """Doublets of one size, ramps of one rate, holds of any size, noise, and what moves smoothly."""
+    held = np.repeat(0.05 * uniform(40, 1, 3)[:, 0], 50)
+    doublets = 0.05 * np.tile(np.repeat([0.0, 1.0, -1.0, 0.0], 50), 10)
+    ramps = np.clip(np.abs(np.arange(2000) % 200 - 100.0) * 0.01 - 0.3, 0.0, 0.4)
+    smooth = 0.1 * np.sin(0.02 * np.arange(2000))
+    for record in (held, doublets, ramps, 0.001 * uniform(2000, 1, 4)[:, 0], smooth):
+        whole = np.convolve(record, np.full(straddle + 1, 1.0 / (straddle + 1)), "valid")
+        assert max(roundings(list(whole), straddle)) == 0.0
+
+
+def test_a_median_begins_with_the_first_noise_that_shows() -> None:
+    """In steps noise is nothing at first, and a median that began there took half a minute to be found."""
+    random = np.random.default_rng(2)
+    noise = np.round(random.normal(size=400))
+    noise[:3] = 0.0
+    found = 0.0
+    for k, value in enumerate(noise.tolist()):
+        found = median_of(found, value, 1e-12, k)
+    assert 0.2 < found / MEDIAN < 3.0
