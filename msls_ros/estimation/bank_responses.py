@@ -41,7 +41,7 @@ System Identification*, 2006, section 10.2 (actuators, time delays).
 from __future__ import annotations
 
 from msls_ros.estimation.bank_delay import MOMENTS
-from msls_ros.estimation.bank_effector_noise import MEDIAN, median_of, third_difference
+from msls_ros.estimation.bank_effector_noise import MEDIAN, median_of, most_noise, third_difference
 from msls_ros.estimation.bank_lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
@@ -243,7 +243,7 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         gained = likelier(s, x, a, now)
         lag = s.responses[a, 0]
         if lag > 0 and s.responses[now, 0] == 0:
-            gained = min(gained, likelier(s, x, a, others + lag - 1))
+            gained = max(min(gained, likelier(s, x, a, others + lag - 1)), gained - by_averaging(x, a, now))
         apart = s.responses[a, 1] + x.response_part[a] - s.responses[now, 1]
         if lag > 0 and turns_round(s, x, a, now):
             gained = min(gained, 0.0)
@@ -331,6 +331,16 @@ def likelier(s: BankSettings, x: BankState, a: int, b: int) -> float:
 
 
 @compiled
+def by_averaging(x: BankState, a: int, b: int) -> float:
+    """Return the most that response a may be likelier than b because a lag averages the noise in deflections [1]."""
+    total = 0.0
+    for q in range(x.response_fit.shape[1]):
+        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
+            total += x.response_fit[b, q, 2]
+    return total
+
+
+@compiled
 def turns_round(s: BankSettings, x: BankState, a: int, b: int) -> bool:
     """Return whether effects by response a are contrary to those by b, by the rows that count, each over its output.
 
@@ -399,14 +409,20 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
     for q in range(rows):
         left = x.response_row[q, 0] - step * (2.0 * x.response_row[q, 1] - step * x.response_row[q, 2])
         left = max(left, REDUNDANT * sums[last + q, last + q])
-        x.response_fit[a, q, 0] = 0.0
-        x.response_fit[a, q, 1] = 0.0
+        for i in range(x.response_fit.shape[2]):
+            x.response_fit[a, q, i] = 0.0
         if left > 0.0:
             one = autocorrelation(x, q)
             rho = one
             for _ in range(s.late - 1):
                 rho *= one
-            x.response_fit[a, q, 0] = -0.5 * free * (1.0 - rho) / (1.0 + rho) * logarithm(left)
+            weight = 0.5 * free * (1.0 - rho) / (1.0 + rho)
+            noise = 0.0
+            for j in range(count):
+                effect = x.response_effect[a, q, j]
+                noise += effect * effect * x.response_samples[0] * most_noise(s, x, j) / s.late
+            x.response_fit[a, q, 0] = -weight * logarithm(left)
+            x.response_fit[a, q, 2] = -weight * logarithm(max(1.0 - noise / left, REDUNDANT))
             unexplained = left
             if s.straddle == 0:
                 white = x.response_samples[0] * x.output_median[q] / (MEDIAN * s.late)

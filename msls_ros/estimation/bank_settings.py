@@ -143,6 +143,8 @@ EARLY = 2
 
 Deflections 35 ms late (seeds 4120 on, 40): 111 false alarms with one step, 39 with two; 20 ms: 182 with none, 12.
 """
+EARLY_LAGS = (1, 2)
+"""Which of `LAGS` is looked for a step before the commands as well: where these are recorded late."""
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
 DELAY_OF_SENSORS = 0.005
@@ -298,6 +300,7 @@ def make_bank_settings(
         responses=np.array(
             [(lag, back) for lag, number in enumerate(BACKS) for back in range(number)]
             + [(0, -back) for back in range(1, 1 + EARLY)]
+            + [(lag, -1) for lag in EARLY_LAGS]
             + [(1 + number, -back) for number, back in enumerate(ahead)],
             np.int64,
         ),

@@ -310,7 +310,8 @@ class BankState(NamedTuple):
     response_row: Array
     """(r, 4)"""
     response_fit: Array
-    """(a, r, 2) likelihood of each response by each row, and the share that effectors explain [1]."""
+    """(a, r, 3) likelihood of each response by each row, the share that effectors explain [1], and the most that noise
+    in the deflections takes from the former."""
     response_effect: Array
     """(a, r, c) the effects that each has."""
     response: Integers
@@ -629,7 +630,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         response_steps=np.zeros((effectors, p)),
         response_squares=np.zeros((effectors, effectors)),
         response_row=np.zeros((rows, 4)),
-        response_fit=np.zeros((len(s.responses), rows, 2)),
+        response_fit=np.zeros((len(s.responses), rows, 3)),
         response_effect=np.zeros((len(s.responses), rows, effectors)),
         response=np.zeros(1, np.int64),
         recent=np.zeros((s.latest + s.late + 3, effectors)),
