@@ -144,7 +144,11 @@ EARLY = 2
 Deflections 35 ms late (seeds 4120 on, 40): 111 false alarms with one step, 39 with two; 20 ms: 182 with none, 12.
 """
 EARLY_LAGS = (1, 2)
-"""Which of `LAGS` is looked for a step before the commands as well: where these are recorded late."""
+"""Which of `LAGS` are looked for a step before the commands as well: where these are recorded late.
+
+Made-up linear aircraft as measured, recorded 20 ms late, seeds 4200 on, 60, without and with: 28 and 17 false alarms, B
+a second after them covered in .71 and .94.
+"""
 DELAY_OF_RECORDS = 0.018
 """Root mean square of the delays of real records, which are 10 to 25 ms: before anything is known of them [s]."""
 DELAY_OF_SENSORS = 0.005
