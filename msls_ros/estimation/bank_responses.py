@@ -54,9 +54,10 @@ from msls_ros.estimation.kernel import Array
 DECISIVE = 15.0
 """Evidence from which on another response is taken [1]: e^15 to one.
 
-A pilot who answers gusts feigns a late response: with 10 an A-4 in gusts took one before its first input, and raised two
-false alarms by it (seed 851). Made-up linear aircraft as measured, seeds 4200 on, 60, recorded as drawn, late, to slow
-servos, with 10 and with 15: false alarms 1, 17, 0 and 1, 17, 2, names right 21, 23, 21 and 22, 23, 22, wrong 3 and 2.
+A pilot who answers gusts feigns a late response: with 10 an A-4 in gusts took one before its first input, and raised
+two false alarms by it (seed 851). Made-up linear aircraft as measured, seeds 4200 on, 60, recorded as drawn, late, to
+slow servos, with 10 and with 15: false alarms 1, 17, 0 and 1, 17, 2, names right 21, 23, 21 and 22, 23, 22, wrong 0, 3,
+0 and 0, 2, 0.
 """
 AGAIN = 25.0
 """The same once a response has been taken: all begins anew with each, and the last one is not far off [1]."""
