@@ -35,10 +35,11 @@ SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
 PATHS = ("direct", "differentiated")
-RECORDS = ("as drawn", "coarse", "late", "slow")
-"""As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`."""
-COARSE, BEHIND, SLOW = float(np.radians(0.1)), 0.02, 6.0
-"""[rad], [s] (a sample at least), [rad/s]"""
+RECORDS = ("as drawn", "coarse", "late", "slow", "held")
+"""As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`; deflections
+measured for every `HELD` rows."""
+COARSE, BEHIND, SLOW, HELD = float(np.radians(0.1)), 0.02, 6.0, 3
+"""[rad], [s] (a sample at least), [rad/s], [rows]"""
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 
 
@@ -193,6 +194,8 @@ def keep(record: str, one: Linear, flight: tuple[Array, Array, Array, Array]) ->
     elif record == "late":
         back = max(1, round(BEHIND * one.rate))
         moved = np.concatenate([np.repeat(moved[:1], back, axis=0), moved[:-back]])
+    elif record == "held":
+        moved = moved[np.arange(len(moved)) // HELD * HELD]
     return time, x, slopes, moved
 
 
@@ -202,11 +205,13 @@ def configure(one: Linear) -> Configuration:
     return from_mapping({**names, "sample_rate": float(one.rate)})
 
 
-def differentiate(one: Linear, flight: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-    """Return a flight as mapped inputs give it where no derivative of a rate is measured."""
-    time, x, slopes, moved = flight
+def differentiate(
+    one: Linear, flight: tuple[Array, Array, Array, Array], pace: int = 1
+) -> tuple[Array, Array, Array, Array]:
+    """Return a flight as mapped inputs give it where no derivative of a rate is measured: of every so manieth row."""
+    time, x, slopes, moved = (array[::pace] for array in flight)
     n = x.shape[1]
-    window = DerivativeFilter(usual_intervals(one.rate), 2 * n + moved.shape[1], round(1e9))
+    window = DerivativeFilter(usual_intervals(one.rate / pace), 2 * n + moved.shape[1], round(1e9))
     samples = zip(time, np.concatenate([x, slopes, moved], axis=1), strict=True)
     rows = [made for t, row in samples if (made := window.push(round(t * 1e9), row)) is not None]
     smooth, slope = (np.array([getattr(row, name) for row in rows]) for name in ("smooth", "slope"))
@@ -223,7 +228,7 @@ def judge(job: tuple[int, str, str]) -> Row:
         one = replace(one, servo=SLOW, commands=True)
     configuration, flight = configure(one), keep(record, one, fly(one, random))
     straddle = 0 if path == "direct" else usual_intervals(one.rate)
-    samples = differentiate(one, flight) if straddle else flight
+    samples = differentiate(one, flight, HELD if record == "held" else 1) if straddle else flight
     estimates = Identifier(configuration, straddle).run(*samples).estimates
     seen = 0.5 * straddle / one.rate  # a window's stamp is its middle
     events = [(e.time + seen, v) for e in estimates for v in e.events]

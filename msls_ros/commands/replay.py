@@ -262,6 +262,8 @@ def summary(bag: Path, out: Path, parameters: str, result: Replay, findings: Seq
         "restarts": result.restarts,
         "not_flying": result.grounded,
         "spikes": result.spikes,
+        "repeated": result.repeated,
+        "repeating": result.repeating,
         "wall_time_s": round(result.wall_time, 3),
         "samples_per_s": round(result.samples / result.wall_time),
         "warnings": result.warnings,
@@ -278,7 +280,8 @@ def describe(result: dict[str, Any]) -> str:
         f"  parameters  {result['parameters']}",
         f"  samples     {result['samples']}, {result['start_s']:.3f} s to {result['end_s']:.3f} s; "
         f"{result['models']} models, {result['restarts']} jumps of time",
-        f"  not learnt  {result['not_flying']} samples not of flight, {result['spikes']} spikes",
+        f"  not learnt  {result['not_flying']} samples not of flight, {result['spikes']} spikes"
+        + (f", {result['repeated']} repeat {result['repeating']}" if result["repeated"] else ""),
         f"  refused     {refused}",
         f"  alarms      {result['alarms']}",
     ]

@@ -53,6 +53,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_attenuation import doubt
+from msls_ros.estimation.bank_delay import deflection_of
 from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry, rounding_noise
 from msls_ros.estimation.bank_energy import FIRST, observe_novelty
 from msls_ros.estimation.bank_state import BankSettings, BankState
@@ -146,7 +147,7 @@ def sense_bank(
         surprise = smaller / expected
         signed = (sharp if square < error * error else error) / math.sqrt(expected)
         moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
-        moved += rounding_square(s, x, q)
+        moved += rounding_square(s, x, q) + timing_square(s, x, q)
         armed = x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest
         if armed:
             statistic[q] = change_of(s, x, q, surprise, moved, unknown)
@@ -216,6 +217,28 @@ def rounding_square(s: BankSettings, x: BankState, q: int) -> float:
     for j in range(x.quantum.shape[1]):
         effect = x.mixed[q, s.effectors_from + 1 + j]
         total += effect * effect * rounding_noise(s, x, j)
+    return total
+
+
+@compiled
+def timing_square(s: BankSettings, x: BankState, q: int) -> float:
+    """Squared error that row q may have because it is not known when between two samples a deflection moved.
+
+    Of a step at any time of a sample that acts a part p of one late, all or nothing has acted, and p of it is reckoned
+    with: ``p (1-p)`` of its square, and as much more as p is not known. Windows smooth steps.
+    """
+    if s.straddle > 0:
+        return 0.0
+    slot = x.samples[0] % x.recent.shape[0]
+    whole = int(x.delay[s.kind[q], 0])
+    part = x.delay[s.kind[q], 0] - whole
+    share = part * (1.0 - part) + min(x.delay[s.kind[q], 1] * s.late * s.late, 0.25)
+    total = 0.0
+    for j in range(x.recent.shape[1]):
+        i = s.effectors_from + 1 + j
+        step = deflection_of(s, x, slot - whole, 0.0, j) - deflection_of(s, x, slot - whole, 1.0, j)
+        if step * step > noise_limit(s, x, i):
+            total += x.mixed[q, i] * x.mixed[q, i] * step * step * share
     return total
 
 

@@ -310,9 +310,10 @@ def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
         if alarm[q] != 0:
             keep_before(s, x, q)
     clear_factors(s, x, target)
-    x.waiting[target] = s.straddle + 1 if s.straddle > 0 else 0
-    if x.response[0] > 0:  # of before, that is not known to a sample either
+    x.waiting[target] = s.straddle
+    if s.straddle == 0 or x.response[0] > 0:  # of before, that is not known to a sample either
         x.waiting[target] += reach_of(s, x)
+    x.waiting[target] += 1 if x.waiting[target] > 0 else 0
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0

@@ -28,7 +28,7 @@ from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
-from msls_ros.estimation.screening import GROUNDED, HELD, Screen, Screened
+from msls_ros.estimation.screening import GROUNDED, HELD, REPEATED, Screen, Screened
 from msls_ros.estimation.soundness import SOUND, all_within
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
@@ -91,12 +91,10 @@ class Identifier:
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
-        self._regression = make_engine(c, straddle)
-        self._assembly = Assembly(c, self._regression)
+        self._straddle, self._screen = straddle, Screen(c)
+        self._begin(c)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
-        self._defect = make_defect(c.rows, c.sample_rate)
-        self._screen = Screen(c)
         self._enabled = True
         self._followed = -1, -1
         self._turned = -1, 0.0
@@ -104,15 +102,40 @@ class Identifier:
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
+    def _begin(self, c: Configuration) -> None:
+        """Make what learns, with nothing learnt yet; the rate in the configuration is that of what it learns from."""
+        self._learns, self._period = c, self._screen.period
+        self._regression = make_engine(c, self._straddle)
+        self._assembly = Assembly(c, self._regression)
+        self._defect = make_defect(c.rows, c.sample_rate)
+        self._warm: tuple[Array, Array, Array | None] | None = None
+
+    def _follow_pace(self) -> None:
+        """Begin anew, from what was known at the start, where samples are learnt from at another rate than before."""
+        rate, samples, warm = 1.0 / self._screen.period, self._regression.samples, self._warm
+        self._begin(self.configuration.replace({"sample_rate": rate}))
+        self._passed += samples
+        if warm is not None:
+            self._warm = warm
+            self._regression.warm_start(*warm)
+        self._supervisor.configure(self._learns)
+        self._supervisor.drop()
+        self._follow()
+
     def reset(self) -> None:
         """Forget everything: estimates, factor, detector, dither sequence."""
+        self._screen.reset()
+        if self._period != self._screen.period:
+            self._begin(self.configuration)
+            self._supervisor.configure(self._learns)
+            self._follow()
         self._regression.reset()
+        self._warm = None
         self._last_followed = 0.0
         self._law.reset()
         self._supervisor.reset()
         clear_air(self._air)
         clear_defect(self._defect)
-        self._screen.reset()
         self._passed = 0
         """Samples that are not learnt from, or not yet."""
         self._learnt_x: Array | None = None
@@ -183,7 +206,8 @@ class Identifier:
             a, bias = a - known_a, bias - known_bias
             seen = np.concatenate([x[kept], moved, [1.0]])
         theta = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
-        self._regression.warm_start(theta, np.array(covariance, dtype=np.float64), seen)
+        self._warm = theta, np.array(covariance, dtype=np.float64), seen
+        self._regression.warm_start(*self._warm)
         self._last_followed = float(self._regression.theta[self._followed])
         self._law.reset()
         self._supervisor.reset()
@@ -200,11 +224,12 @@ class Identifier:
         configuration = self.configuration.replace(changes)
         self.check_change(configuration)
         self.configuration = configuration
+        self._learns = configuration.replace({"sample_rate": self._learns.sample_rate})
         self._law.configure(self.configuration)
-        self._supervisor.configure(self.configuration)
-        self._regression.configure(self.configuration)
+        self._supervisor.configure(self._learns)
+        self._regression.configure(self._learns)
         self._follow()
-        self._assembly = Assembly(self.configuration, self._regression)
+        self._assembly = Assembly(self._learns, self._regression)
 
     def _follow(self) -> None:
         self._regression.follow(*self._followed)
@@ -239,6 +264,26 @@ class Identifier:
     def spike(self) -> str:
         """What jumped furthest in the last spike; empty: there was none."""
         return self._screen.spike
+
+    @property
+    def repeated(self) -> int:
+        """Samples passed over because a number in them had not been measured anew, since the last reset."""
+        return self._screen.repeated
+
+    @property
+    def repeating(self) -> str:
+        """Which number that was last; empty: there was none."""
+        return self._screen.repeating
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Which numbers are not measured in every sample; see `repeats`."""
+        return self._screen.held
+
+    @property
+    def learning_rate(self) -> float:
+        """Rate of the samples that are learnt from [Hz]: as configured, or slower where they have come so."""
+        return self._learns.sample_rate
 
     @property
     def alarms(self) -> int:
@@ -288,6 +333,7 @@ class Identifier:
         screened = self._screened(*sample)
         count = 1 if screened.learnt is None else int(screened.learnt[0])
         self._step(self._prepare(screened), 0, count, int(screened.verdict[0]), sample[0], sample[1], sample[3])
+        self._keep_pace()
         return self._dither
 
     def follow(self, row: str, column: str) -> None:
@@ -368,17 +414,18 @@ class Identifier:
         time, x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (time, x, xdot, delta))
         self._check(time, x, xdot, delta)
         run = Run([], [], [], [])
-        for begin in range(0, len(time), CHUNK):
+        begin = 0
+        while begin < len(time):
             chunk = slice(begin, begin + CHUNK)
-            self._run_chunk(run, time[chunk], x[chunk], xdot[chunk], delta[chunk], every)
+            begin += self._run_chunk(run, time[chunk], x[chunk], xdot[chunk], delta[chunk], every)
         return run
 
-    def _run_chunk(self, run: Run, time: Array, x: Array, xdot: Array, delta: Array, every: int) -> None:
-        """Take checked samples, up to `CHUNK` of them."""
+    def _run_chunk(self, run: Run, time: Array, x: Array, xdot: Array, delta: Array, every: int) -> int:
+        """Take checked samples, up to `CHUNK` of them, and no more at one pace than there are; return how many."""
         screened = self._screened(time, x, xdot, delta)
         samples = self._prepare(screened)
         ends = np.concatenate([[0], np.cumsum([] if screened.learnt is None else screened.learnt)])
-        count, start = len(time), 0
+        count, start = len(screened.verdict), 0
         while start < count:
             stop = min(start + every - self.samples % every, count)
             first, last = start, stop
@@ -391,9 +438,16 @@ class Identifier:
             run.dithers.append(block)
             run.followed.append(followed)
             run.signals.extend(self._signals)
+            if stop == count:
+                self._keep_pace()
             if self.samples % every == 0 or self._events:
                 run.estimates.append(self.estimate(float(time[stop - 1]), x[stop - 1]))
             start = stop
+        return count
+
+    def _keep_pace(self) -> None:
+        if self._screen.period != self._period:
+            self._follow_pace()
 
     def _screened(self, time: Array, x: Array, xdot: Array, delta: Array) -> Screened:
         """Say which samples are learnt from; all, where that is not asked, or nothing is learnt."""
@@ -435,11 +489,12 @@ class Identifier:
         count = len(time)
         if last > first or not self._enabled:
             self._passed -= last - first - count
-            return self._take(samples, first, last, count)
+            return self._take(samples, first, last, time, delta)
         self._passed += count
         self._signals.clear()
-        self._held_x = x[-1].copy() if verdict == HELD else None
-        if verdict == HELD and self._newest is not None:
+        waits = verdict in (HELD, REPEATED)
+        self._held_x = x[-1].copy() if waits else None
+        if waits and self._newest is not None:
             out, place = self._newest
             k = slice(place, place + 1)
             quiet = np.zeros_like(out.alarm[k])
@@ -450,15 +505,25 @@ class Identifier:
         x = np.array([self._believed(one) for one in x])
         return block, self._with_known(self._regression.values(*self._followed, x, self._kept), x)
 
-    def _take(self, samples: Samples, start: int, stop: int, count: int) -> tuple[DitherBlock, Array]:
-        """Put samples through the compiled loop, and the last ``count`` of them through the dither law.
+    def _take(
+        self, samples: Samples, start: int, stop: int, answered_time: Array, answered_delta: Array
+    ) -> tuple[DitherBlock, Array]:
+        """Put samples through the compiled loop, and what the last ones say through the dither law.
+
+        Parameters
+        ----------
+        samples, start, stop
+            What to learn from.
+        answered_time, answered_delta
+            (k,) and (k, m) of the samples that are answered.
 
         Returns
         -------
         tuple
             The dithers that answer them, and the estimate that is followed after each.
         """
-        time, x, xdot, delta, phi, y, out = samples
+        time, x, xdot, _, phi, y, out = samples
+        count = len(answered_time)
         part = slice(start, stop)
         answered = slice(stop - count, stop)
         self._signals.clear()
@@ -482,14 +547,14 @@ class Identifier:
             if self._supervisor.watching:
                 self._events += self._supervisor.follow(now, self._regression)
         if count < stop - start:  # said at the sample that is answered
-            at = float(time[stop - 1])
+            at = float(answered_time[-1])
             self._events[before:] = [replace(event, time=at) for event in self._events[before:]]
         self._error = out.e[stop - 1]
         self._newest = out, stop - 1
         self._learnt_x, self._held_x = x[stop - 1].copy(), None
         self._signals.append((out.e[part], out.statistic[part]))
         effects = Knowledge(out.b[answered], out.b_variance[answered], out.excitation[answered], out.alarm[answered])
-        block = self._law.commands(time[answered], effects, delta[answered])
+        block = self._law.commands(answered_time, effects, answered_delta)
         self._dither = block.at(-1)
         return block, self._with_known(out.followed[answered], x[answered])
 

@@ -1,4 +1,4 @@
-"""Which samples are learnt from: those of flight, without spikes.
+"""Which samples are learnt from: those of flight that were measured, without spikes; and how often they come.
 
 **Flight.** On its wheels an aircraft obeys other equations, and what it learns there (that surfaces at rest have no
 effect, that no moment turns the nose) stands against what flight says for as long as the longest memory. Below a share
@@ -9,7 +9,13 @@ may be rolling when it is faster: it flies once it climbs or sinks, by the fligh
 
 in the mean of a second, or when it has been that fast for longer than any take-off takes.
 
+**Numbers that repeat** because nothing has measured them since are not learnt from: see `repeats`.
+
 **Spikes** are not learnt from, and where one may be, not before it is seen that it is none: see `spikes`.
+
+**Pace.** What is left may come more slowly than was said. Memories and windows are times; where samples have come half
+as often again too slowly `SLOW_ROWS` times (more than they have not), or as much too quickly for the pace of before,
+whoever learns from them begins anew at the rate at which they come.
 """
 
 from __future__ import annotations
@@ -22,10 +28,20 @@ import numpy as np
 from msls_ros.estimation.compiled import Bound, compiled
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
-from msls_ros.estimation.spikes import SpikeSettings, SpikeState, judge_spike, spike_settings, spike_state
+from msls_ros.estimation.repeats import RepeatSettings, RepeatState, repeat_settings, repeat_state, take_row
+from msls_ros.estimation.spikes import (
+    LONGEST,
+    ROOM,
+    SpikeSettings,
+    SpikeState,
+    judge_spike,
+    spike_settings,
+    spike_state,
+)
 
-LEARNT, HELD, GROUNDED = range(3)
-"""Verdicts."""
+LEARNT, HELD, GROUNDED, REPEATED = range(4)
+"""Verdicts: learnt from, may be a spike or waits for the next measurement and is learnt from later, not of flight, not
+measured."""
 GONE = 5.0
 """Slower than the least speed for so long: not flying any more; an airspeed may fail for a moment [s]."""
 CLIMB = 0.05
@@ -38,6 +54,11 @@ CERTAIN = 2.0
 """Faster than the least speed by so much at the first sample: flying."""
 GAP = 2.5
 """Sample periods after which a difference says nothing."""
+SLOW, SLOW_ROWS = 1.5, 12
+"""How many times as long as the period samples take at another pace, and how many of them show it. A link that loses a
+fifth of the samples shows that at e^-16 to one."""
+LONGEST_STEP = 0.3
+"""Between samples that say anything of the pace [s]."""
 
 
 class FlightSettings(NamedTuple):
@@ -77,8 +98,21 @@ def flight_settings(configuration: Configuration) -> FlightSettings:
     )
 
 
+class PaceState(NamedTuple):
+    """What is remembered of how often samples come."""
+
+    clock: Array
+    """Of the last sample that was measured [s], period that is believed and that was said [s], sum of the steps that
+    are none of it [s]."""
+    counts: Integers
+    """Samples since the start, by how many another pace is shown, and how many steps are none of what is believed."""
+
+
 class Screened(NamedTuple):
-    """Judged samples: k of them, l of which are learnt now, held ones from before among them."""
+    """Judged samples: k of them, l of which are learnt now, held ones from before among them.
+
+    Fewer than were given where the pace changes with the last of them.
+    """
 
     time: Array
     """(l,) [s]."""
@@ -87,7 +121,7 @@ class Screened(NamedTuple):
     delta: Array
     """(l, n), (l, n), (l, m)."""
     verdict: Integers
-    """(k,) `LEARNT`, `HELD` or `GROUNDED`."""
+    """(k,) `LEARNT`, `HELD`, `GROUNDED` or `REPEATED`."""
     learnt: Integers | None
     """(k,) how many are learnt at each; None: that one."""
 
@@ -111,22 +145,33 @@ class Screen:
         self._names = (*c.states, *(f"d{name}/dt" for name in c.states), *c.effectors)
         self._flight_settings = flight_settings(c)
         self._flight = FlightState(np.zeros(4), np.zeros(1), np.zeros(1, np.int64))
+        slopes = [*range(n, 2 * n), *[-1] * (n + m)]
         self._spike_settings = spike_settings(
             [*velocity, *velocity, *[False] * m],
             [*[False] * n, *[True] * n, *[False] * m],
             c.reference_speed,
             GAP / c.sample_rate,
-            [*range(n, 2 * n), *[-1] * (n + m)],
+            slopes,
         )
         self._spikes = spike_state(2 * n + m)
+        sensed = [s != "Psi" for s in c.states]
+        self._repeat_settings = repeat_settings([*sensed, *sensed, *[False] * m], c.sample_rate, LONGEST_STEP, slopes)
+        self._repeats = repeat_state(self._repeat_settings)
+        self._period = 1.0 / c.sample_rate
+        self._pace = PaceState(np.zeros(4), np.zeros(3, np.int64))
         self._judge = Bound(judge_samples)
         self.reset()
 
     def reset(self) -> None:
         """Forget everything, counts too."""
-        for array in (*self._flight, *self._spikes):
+        for array in (*self._flight, *self._spikes, *self._repeats, *self._pace):
             array[:] = 0
         self._flight.flight[0] = -1.0
+        self._pace.clock[1:3] = self._period
+        self._follow_pace()
+
+    def _follow_pace(self) -> None:
+        self._spike_settings = self._spike_settings._replace(gap=max(GAP * self.period, LONGEST))
 
     @property
     def flying(self) -> bool:
@@ -144,6 +189,26 @@ class Screen:
         return int(self._flight.grounded[0])
 
     @property
+    def repeated(self) -> int:
+        """Samples that were not learnt from because a number in them had not been measured anew."""
+        return int(self._repeats.counts[1])
+
+    @property
+    def repeating(self) -> str:
+        """Which number that was last; empty: there was none."""
+        return self._names[int(self._repeats.counts[2]) - 1] if self.repeated else ""
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """Which numbers are not measured in every sample."""
+        return tuple(name for name, held in zip(self._names, self._repeats.held.tolist(), strict=True) if held)
+
+    @property
+    def period(self) -> float:
+        """Between samples that are learnt from, as it was said or has been seen [s]."""
+        return float(self._pace.clock[1])
+
+    @property
     def spike(self) -> str:
         """What jumped furthest in the last spike; empty: there was none."""
         return self._names[int(self._spikes.counts[3])] if self.spikes else ""
@@ -159,27 +224,20 @@ class Screen:
             (k, n), (k, n), (k, m).
         """
         count, n = len(time), x.shape[1]
-        samples, verdict, released = np.concatenate([x, xdot, delta], axis=1), _zeros(count), _zeros(count)
-        before = int(self._spikes.counts[1])
-        held = (self._spikes.held_time[:before].copy(), self._spikes.held[:before].copy()) if before else None
-        self._judge(
-            self._flight_settings, self._flight, self._spike_settings, self._spikes, time, samples, verdict, released
-        )
-        if not verdict.any() and held is None:
-            return Screened(time, x, xdot, delta, verdict, None)
-        if held is not None:
-            time, samples = np.concatenate([held[0], time]), np.concatenate([held[1], samples])
-        learnt: list[int] = []
-        waiting = list(range(before))
-        for k, (said, out) in enumerate(zip(verdict.tolist(), released.tolist(), strict=True), before):
-            if said == HELD:
-                waiting.append(k)
-                continue
-            learnt += [*waiting[:out], k] if said == LEARNT else []
-            waiting = []
-        rows = samples[learnt]
+        samples = np.concatenate([x, xdot, delta], axis=1)
+        room = count + len(self._repeats.waits) + ROOM
+        verdict, learnt, times, rows = _zeros(count), _zeros(count), np.empty(room), np.empty((room, samples.shape[1]))
+        settings = self._flight_settings, self._repeat_settings, self._spike_settings
+        memories = self._flight, self._repeats, self._pace, self._spikes
+        done = int(self._judge(settings, memories, time, samples, verdict, learnt, times, rows))
+        self._follow_pace()
+        verdict, learnt = verdict[:done], learnt[:done]
+        if (learnt == 1).all() and (verdict == LEARNT).all() and (done == 0 or times[0] == time[0]):
+            return Screened(time[:done], x[:done], xdot[:done], delta[:done], verdict, None)
+        total = int(learnt.sum())
+        rows = rows[:total]
         x, xdot, delta = (np.ascontiguousarray(part) for part in (rows[:, :n], rows[:, n : 2 * n], rows[:, 2 * n :]))
-        return Screened(time[learnt], x, xdot, delta, verdict, np.where(verdict == LEARNT, released + 1, 0))
+        return Screened(times[:total], x, xdot, delta, verdict, learnt)
 
 
 def _zeros(count: int) -> Integers:
@@ -188,39 +246,81 @@ def _zeros(count: int) -> Integers:
 
 @compiled
 def judge_samples(
-    f: FlightSettings,
-    flight: FlightState,
-    s: SpikeSettings,
-    spikes: SpikeState,
+    settings: tuple[FlightSettings, RepeatSettings, SpikeSettings],
+    memories: tuple[FlightState, RepeatState, PaceState, SpikeState],
     time: Array,
     samples: Array,
     verdict: Integers,
-    released: Integers,
-) -> None:
-    """Judge k samples of c numbers in order.
+    learnt: Integers,
+    times: Array,
+    rows: Array,
+) -> int:
+    """Judge k samples of c numbers in order, up to one with which the pace changes; return how many.
 
     Parameters
     ----------
-    f, flight, s, spikes
-        Settings, and states; updated.
+    settings, memories
+        Memories are updated.
     time, samples
         (k,) [s] and (k, c): states, derivatives, deflections.
-    verdict, released
-        (k,) out: `LEARNT`, `HELD` or `GROUNDED`, and how many samples that were held are to be learnt before it.
+    verdict, learnt
+        (k,) out: `LEARNT`, `HELD`, `GROUNDED` or `REPEATED`, and how many are to be learnt then.
+    times, rows
+        (l,) and (l, c) out: those.
     """
-    for k in range(time.shape[0]):
-        released[k] = 0
+    f, r, s = settings
+    flight, repeats, pace, spikes = memories
+    total = 0
+    for k in range(len(time)):
+        learnt[k] = 0
+        measured = take_row(r, repeats, time[k], samples[k])
         if f.slowest > 0.0 and not is_flying(f, flight, time[k], samples[k]):
             verdict[k] = GROUNDED
             flight.grounded[0] += 1 + spikes.counts[1]
             spikes.counts[0] = 0
             spikes.counts[1] = 0
+            repeats.counts[3] = 0
+            repeats.counts[4] = 0
             continue
-        verdict[k] = LEARNT
-        released[k] = judge_spike(s, spikes, time[k], samples[k])
-        if released[k] < 0:
-            released[k] = 0
-            verdict[k] = HELD
+        changes = False
+        for i in range(repeats.counts[4]):
+            used = judge_spike(s, spikes, repeats.waits_time[i], repeats.waits[i])
+            for j in range(used + 1):
+                times[total] = spikes.held_time[j] if j < used else repeats.waits_time[i]
+                for n in range(samples.shape[1]):
+                    rows[total, n] = spikes.held[j, n] if j < used else repeats.waits[i, n]
+                total += 1
+            learnt[k] += max(used + 1, 0)
+            changes = changes_pace(pace, repeats.waits_time[i]) or changes
+        verdict[k] = LEARNT if learnt[k] > 0 else HELD if measured else REPEATED
+        if changes:
+            return k + 1
+    return len(time)
+
+
+@compiled
+def changes_pace(x: PaceState, time: float) -> bool:
+    """Whether samples come at another pace from this one on, of a time [s]."""
+    step = time - x.clock[0]
+    x.clock[0] = time
+    x.counts[0] += 1
+    if x.counts[0] == 1 or not 0.0 < step <= LONGEST_STEP:
+        return False
+    if step > SLOW * x.clock[1] or (step * SLOW < x.clock[1] and x.clock[1] > x.clock[2]):
+        x.counts[1] += 1
+        x.counts[2] += 1
+        x.clock[3] += step
+    else:
+        x.counts[1] = max(x.counts[1] - 1, 0)
+    if 0 < x.counts[1] < SLOW_ROWS:
+        return False
+    before = x.clock[1]
+    if x.counts[1] > 0:
+        x.clock[1] = max(x.clock[3] / x.counts[2], x.clock[2])
+    x.counts[1] = 0
+    x.counts[2] = 0
+    x.clock[3] = 0.0
+    return bool(x.clock[1] != before)
 
 
 @compiled

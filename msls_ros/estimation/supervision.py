@@ -57,10 +57,7 @@ class Supervisor:
         """Forget all alarms."""
         self.alarms = 0
         """Alarms since the reset."""
-        self._isolating: dict[int, float] = {}
-        slow = round(SLOW * self._c.sample_rate)
-        self._decision = Decision(HELD + len(self._c.regressors) // 2, slow, MEMORY / SLOW)
-        self._recovering: set[int] = set()
+        self.drop()
 
     @property
     def watching(self) -> bool:
@@ -103,10 +100,16 @@ class Supervisor:
         why
             See `soundness`.
         """
-        self._isolating.clear()
-        self._recovering.clear()
+        self.drop()
         text = f"the estimate begins anew at {time:.3f} s: {_REASONS[why]}"
         return FaultEvent(time, EventKind.RESET, tuple(self._c.rows), (), (), description=text)
+
+    def drop(self) -> None:
+        """Watch nothing any more; the count of alarms stays."""
+        self._isolating: dict[int, float] = {}
+        self._recovering: set[int] = set()
+        slow = round(SLOW * self._c.sample_rate)
+        self._decision = Decision(HELD + len(self._c.regressors) // 2, slow, MEMORY / SLOW)
 
     def follow(self, time: float, regression: Engine) -> list[FaultEvent]:
         """Return what the sample at ``time`` says of the alarms that are watched."""

@@ -15,7 +15,7 @@ differentiated    any                 a window of samples; then all else passes 
 ================  ==================  =============================================================================
 
 What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`,
-`spike`.
+`spike`, `repeated` (see `pacing`).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ import numpy as np
 
 from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.screening import GAP
 from msls_ros.estimation.spikes import SpikeFilter, spike_settings
 from msls_ros.inputs import frames
 from msls_ros.inputs.alignment import Aligner, Values
@@ -36,6 +37,7 @@ from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
+from msls_ros.inputs.pacing import Pacer
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
 
@@ -90,6 +92,8 @@ class InputAdapter:
         Of flight [m/s].
     sample_rate
         Of the clock [Hz], for the window of derivatives where the inputs say nothing of it; 0: not known.
+    slowest
+        Longest step of a stream slower than the clock that sets the pace of the rows [s], see `pacing`; 0: none does.
     refused
         Where refusals are counted by reason; None: in a counter of its own.
     report
@@ -110,6 +114,7 @@ class InputAdapter:
         time_jump: float = 1.0,
         reference_speed: float = 100.0,
         sample_rate: float = 0.0,
+        slowest: float = 0.0,
         refused: Counter[str] | None = None,
         report: Callable[[Refused], None] = lambda _: None,
     ) -> None:
@@ -134,14 +139,17 @@ class InputAdapter:
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
+        self._pacer = Pacer(streams, sample_rate, slowest)
         self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
         n, m = len(self._states), len(self._effectors)
         intervals = inputs.intervals or usual_intervals(sample_rate)
         self.straddle = intervals if differentiated else 0
-        """Samples over which a row reaches: intervals of the derivatives' window; 0: nothing is differentiated."""
-        self._filter = DerivativeFilter(intervals, 2 * n + m + 3, inputs.maximum_age) if differentiated else None
+        """Samples over which a row reaches at most: intervals of the derivatives' window; 0: nothing is
+        differentiated."""
+        self._columns = 2 * n + m + 3
+        self._filter = DerivativeFilter(intervals, self._columns, inputs.maximum_age) if differentiated else None
         velocity = [name in _VELOCITY for name in self._states]
         self._spikes = SpikeFilter(
             spike_settings(
@@ -159,6 +167,12 @@ class InputAdapter:
     def topics(self) -> dict[str, str]:
         """Types by topic, as the mapping names them."""
         return {topic.topic: topic.msgtype for topic in self.inputs.topics.values()}
+
+    @property
+    def pace(self) -> tuple[str, float]:
+        """Which stream that is slower than the clock sets the pace of the rows, and at what rate [Hz]; empty: none."""
+        pacer = self._pacer
+        return (self._streams[pacer.pacer].track.name, 1.0 / pacer.period) if pacer.pacer >= 0 else ("", 0.0)
 
     @property
     def waiting(self) -> bool:
@@ -212,7 +226,9 @@ class InputAdapter:
             text = f"topic {source.topic} ({source.msgtype}): {error}"
             raise EstimationError(text) from None
         if source is self.inputs.topics[self.inputs.clock] and (any(read) or not read):
-            self._aligner.tick(stamp - source.delay)
+            instant = stamp - source.delay
+            if self._pacer.tick(instant):
+                self._aligner.tick(instant)
         return [row for t, values in self._aligner.ready() for row in self._rows(t, values)]
 
     def check(self, topics: Mapping[str, str]) -> None:
@@ -246,11 +262,16 @@ class InputAdapter:
 
     def _begin_anew(self) -> None:
         self._continued: dict[str, float] = {}
+        self._repeated: set[str] = set()
+        paced = self._pacer.pacer >= 0
+        self._pacer.clear()
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
         self._spikes.clear()
         if self._filter is not None:
             self._filter.clear()
+        if paced:
+            self._fit_window()
 
     def _refuse(self, refused: Refused) -> None:
         self.refused[refused.reason] += 1
@@ -270,6 +291,13 @@ class InputAdapter:
         except Refused as refused:
             self._refuse(refused)
             return False
+        if not self._pacer.measured(index, values):
+            self.refused["repeated"] += 1
+            if stream.name not in self._repeated:
+                self._repeated.add(stream.name)
+                text = f"{stream.track.name} is {listed(map(str, values))} again, and has not been measured since"
+                self._report(Refused("repeated", text))
+            return False
         name = stream.name.removeprefix("states.")
         if name in _ANGLES:
             values = (self._unwrapped(stream.name, values[0]),)
@@ -280,8 +308,24 @@ class InputAdapter:
                 return True
             values = unlagged(stream.lag, before[1], values, (stamp - before[0]) * 1e-9)
             stamp = (before[0] + stamp) // 2
-        self._aligner.add(index, stamp - stream.delay, values)
+        instant = stamp - stream.delay
+        self._aligner.add(index, instant, values)
+        pacer = self._pacer.pacer
+        if self._pacer.sample(index, instant):
+            self._aligner.tick(instant)
+        if self._pacer.pacer != pacer:
+            self._fit_window()
         return True
+
+    def _fit_window(self) -> None:
+        """Have the window of derivatives reach over as long at the pace of now as at that of the clock."""
+        if self._filter is None or self.inputs.intervals:
+            return
+        intervals, longest = self.straddle, self.inputs.maximum_age
+        if self._pacer.pacer >= 0:
+            intervals = min(usual_intervals(1.0 / self._pacer.period), intervals)
+            longest = max(longest, round(GAP * 1e9 * self._pacer.period))
+        self._filter = DerivativeFilter(intervals, self._columns, longest)
 
     def _unwrapped(self, key: str, angle: float) -> float:
         self._continued[key] = angle = frames.continued(angle, self._continued.get(key, angle))

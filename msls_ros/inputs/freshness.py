@@ -57,6 +57,12 @@ class RateWatch:
         self._stamps: deque[int] = deque()
         self._told = False
 
+    def expect(self, nominal: float) -> None:
+        """Hold what comes against another rate from now on [Hz]."""
+        if abs(nominal / self._nominal - 1.0) > 0.5 * TOLERANCE:
+            self._nominal = nominal
+            self.clear()
+
     def clear(self) -> None:
         """Begin anew, after a jump of time."""
         self._stamps.clear()

@@ -219,6 +219,7 @@ class IdentifierNode(LifecycleNode):
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
+        self._pace, self._sample_rate = "", configuration.sample_rate
         return self._identifier
 
     def _stale_after(self) -> float:
@@ -245,6 +246,14 @@ class IdentifierNode(LifecycleNode):
         except EstimationError as error:
             self._refuse(Refused("field", str(error)))
             return
+        slowest, rate = self._adapter.pace
+        if slowest != self._pace:
+            self._pace = slowest
+            text = (
+                f"{slowest} comes at {rate:.4g} Hz: so do samples" if slowest else "samples come with the clock again"
+            )
+            self.get_logger().info(text)
+        self._rate.expect(rate or self._sample_rate)
         for row in rows:
             self._offer(partial(row.offer, self._synchronizer))
 
@@ -273,13 +282,16 @@ class IdentifierNode(LifecycleNode):
             self._rate.clear()
         elif self._sample is None:
             self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
-        flew, spikes = self._identifier.flying, self._identifier.spikes
+        flew, spikes, rate = self._identifier.flying, self._identifier.spikes, self._identifier.learning_rate
         dither = self._identifier.learn(sample.time, sample.x, sample.xdot, sample.delta)
         if self._identifier.flying != flew:
             self.get_logger().info("flying: samples are learnt from" if not flew else "not flying: nothing is learnt")
         if self._identifier.spikes != spikes:
             text = f"{self._identifier.spike} jumped away and back before {sample.time:.3f} s: not learnt from"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
+        if self._identifier.learning_rate != rate:
+            why = f": {self._identifier.repeating} is not measured oftener" if self._identifier.repeated else ""
+            self.get_logger().info(f"learning from {self._identifier.learning_rate:.4g} samples a second{why}")
         self._sample = sample
         if self._old(sample):
             self._monitor.old += 1

@@ -17,6 +17,7 @@ from rclpy.subscription import Subscription
 from msls_ros.bags import BagError, SampleDecoder
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, PairedSample, Refused, Synchronizer
+from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.nodes.parameters import NodeError, plain
 from msls_ros.nodes.quality import Refuse, listen, overriding
 
@@ -59,6 +60,7 @@ def make_adapter(
         time_jump=configuration.time_jump,
         reference_speed=configuration.reference_speed,
         sample_rate=configuration.sample_rate,
+        slowest=slowest_pace(configuration),
         refused=gate.refused,
         report=report,
     )

@@ -47,7 +47,7 @@ class IdentifierOutput:
         flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
         self._identifier.update(0.0, flying, np.zeros(n), np.zeros(m))  # compiles
         self._identifier.reset()
-        self._before = 0, 0
+        self._before = 0, 0, 0
         self._effectors = list(configuration.effectors)
         self._topic = {leaf: prefix + leaf for leaf in OUTPUTS}
         for leaf, msgtype in OUTPUTS.items():
@@ -74,6 +74,16 @@ class IdentifierOutput:
         """Samples that were not learnt from because something jumped away and back."""
         return self._before[1] + self._identifier.spikes
 
+    @property
+    def repeated(self) -> int:
+        """Samples that were not learnt from because a number in them had not been measured anew."""
+        return self._before[2] + self._identifier.repeated
+
+    @property
+    def repeating(self) -> str:
+        """Which that was last, since the last jump of time; empty: none."""
+        return self._identifier.repeating
+
     def take(self, segment: PairedBlock) -> None:
         """Identify from a segment; write its dithers, events and models in the order of their stamps.
 
@@ -83,7 +93,7 @@ class IdentifierOutput:
             If the bag cannot be written.
         """
         if segment.restarted:
-            self._before = self.grounded, self.spikes
+            self._before = self.grounded, self.spikes, self.repeated
             self._identifier.reset()
         stamps = segment.stamps
         time = np.multiply(stamps, 1e-9, dtype=np.float64)

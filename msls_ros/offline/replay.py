@@ -30,6 +30,7 @@ from msls_ros.bags import (
 from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer
+from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.profiles import render_profile
 from msls_ros.offline.best import Known
 from msls_ros.offline.collection import no_collection
@@ -92,6 +93,10 @@ class Replay:
     """Samples that were not of flight."""
     spikes: int
     """Samples that were not learnt from because something jumped away and back."""
+    repeated: int
+    """Samples that were not learnt from because a number in them had not been measured anew."""
+    repeating: str
+    """Which that was last."""
     span: tuple[int, int] | None
     """Stamps of the first and the last sample [ns]."""
     wall_time: float
@@ -220,6 +225,8 @@ def _write(
         gate.restarts,
         output.grounded,
         output.spikes,
+        output.repeated,
+        output.repeating,
         output.span,
         wall_time,
         warnings,
@@ -256,6 +263,7 @@ def _open(
             time_jump=configuration.time_jump,
             reference_speed=configuration.reference_speed,
             sample_rate=configuration.sample_rate,
+            slowest=slowest_pace(configuration),
             refused=gate.refused,
             report=note,
         )

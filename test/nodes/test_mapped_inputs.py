@@ -17,6 +17,7 @@ from sensor_msgs.msg import Imu, JointState
 
 from msls_ros.estimation import EstimationError, Identifier
 from msls_ros.inputs import InputAdapter, Synchronizer
+from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.profiles import config_folder, read_inputs, read_profile
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.inputs import declare_inputs, subscribe
@@ -49,7 +50,8 @@ def offline(messages: list[tuple[str, Any]]) -> list[tuple[int, bytes, bytes]]:
     assert inputs is not None
     gate = Synchronizer(configuration.states, configuration.effectors, 0.2)
     names, rate = (configuration.states, configuration.effectors), configuration.sample_rate
-    adapter = InputAdapter(inputs, *names, time_jump=0.2, sample_rate=rate)
+    slowest = slowest_pace(configuration)
+    adapter = InputAdapter(inputs, *names, time_jump=0.2, sample_rate=rate, slowest=slowest)
     identifier, found = Identifier(configuration), []
     for topic, message in messages:
         for row in adapter.push(topic, 0, message):
