@@ -9,8 +9,9 @@ A **state** that is held has gone from one measurement to the next as its deriva
 between wait for that. Nobody knows how a **deflection**, or a derivative, has gone: the rows between its changes are
 passed over, and of several such numbers the slowest sets the pace. While it rests the pace goes on.
 
-A state, or its derivative, that has changed in every row for seconds and does so no more, is not measured any more:
-what comes is passed over until it changes again. Deflections may stop for good.
+A state that has changed in every row for seconds and does so no more, though its derivative has moved it by more than
+any row did, and most others go on, is not measured any more: what comes is passed over until it changes again. Where no
+derivative is known it is enough that it stops. Deflections may stop for good.
 
 References
 ----------
@@ -52,7 +53,7 @@ class RepeatSettings(NamedTuple):
     """What does not change; c numbers of a row."""
 
     sensed: Array
-    """(c,) 1 where a number cannot rest in flight: states and their derivatives; 0 elsewhere."""
+    """(c,) 1 where a number cannot rest in flight: states; 0 elsewhere."""
     slope: Integers
     """(c,) which number is the rate of change of each; negative: none is."""
     longest: int
@@ -78,7 +79,9 @@ class RepeatState(NamedTuple):
     runs: Integers
     """(c, `RUNS`) rows between the last changes."""
     alive: Integers
-    """(c,) changes in rows one after the other; as they were, while it is stuck."""
+    """(c,) changes in rows one after the other; as they were, while it stands still."""
+    moved: Array
+    """(c,) by how much its rate of change has moved a number since its last change."""
     fresh: Array
     """(3, c) the last measurement of each number that is held: when [s], it, and its rate of change."""
     waits: Array
@@ -115,7 +118,7 @@ def repeat_settings(
 def repeat_state(settings: RepeatSettings) -> RepeatState:
     """Return the state for rows of so many numbers, nothing seen yet."""
     count, room = len(settings.sensed), 2 * settings.longest + 2
-    last, step, largest = np.zeros((3, count))
+    last, step, largest, moved = np.zeros((4, count))
     since, shown, held, alive = np.zeros((4, count), np.int64)
     return RepeatState(
         last,
@@ -126,6 +129,7 @@ def repeat_state(settings: RepeatSettings) -> RepeatState:
         held,
         np.zeros((count, RUNS), np.int64),
         alive,
+        moved,
         np.zeros((3, count)),
         np.zeros((room, count)),
         np.zeros(room),
@@ -173,6 +177,9 @@ def take_row(s: RepeatSettings, x: RepeatState, time: float, row: Array) -> bool
     drop_complete(x)
     step = time - x.clock[0]
     x.clock[0] = time
+    for i in range(row.shape[0]):
+        if s.slope[i] >= 0:
+            x.moved[i] += min(max(step, 0.0), s.gap) * row[s.slope[i]]
     if not 0.0 < step <= s.gap:
         x.counts[1] += x.counts[3]
         x.counts[3] = 0
@@ -246,7 +253,7 @@ def is_measured(s: RepeatSettings, x: RepeatState, row: Array) -> bool:
             observe_change(s, x, i, change)
         elif x.alive[i] < ALIVE or x.step[i] <= NOTHING * x.largest[i]:
             x.alive[i] = 0
-        elif s.sensed[i] > 0.0 and x.since[i] >= STUCK:
+        elif s.sensed[i] > 0.0 and x.since[i] >= STUCK and (s.slope[i] < 0 or contradicts(s, x, i)):
             stuck = i
     if stuck >= 0:
         x.counts[1] += 1
@@ -264,10 +271,23 @@ def is_measured(s: RepeatSettings, x: RepeatState, row: Array) -> bool:
 
 
 @compiled
+def contradicts(s: RepeatSettings, x: RepeatState, i: int) -> bool:
+    """Whether state i, that stands still, has not come to rest: its derivative moves it on, and most others move."""
+    states = 0
+    still = 0
+    for j in range(x.alive.shape[0]):
+        if s.slope[j] >= 0 and x.alive[j] >= ALIVE:
+            states += 1
+            still += 1 if x.since[j] > 0 else 0
+    return bool(abs(x.moved[i]) > x.largest[i] and 2 * still <= states)
+
+
+@compiled
 def observe_change(s: RepeatSettings, x: RepeatState, i: int, change: float) -> None:
     """Note that number i has changed, and by how much; rows since the last one are 0 from now on."""
     run = x.since[i]
     x.since[i] = 0
+    x.moved[i] = 0.0
     if run == 1:
         x.alive[i] += 1
         x.shown[i] = max(x.shown[i] - AGAINST, 0)

@@ -155,7 +155,7 @@ class Screen:
         )
         self._spikes = spike_state(2 * n + m)
         sensed = [s != "Psi" for s in c.states]
-        self._repeat_settings = repeat_settings([*sensed, *sensed, *[False] * m], c.sample_rate, LONGEST_STEP, slopes)
+        self._repeat_settings = repeat_settings([*sensed, *[False] * (n + m)], c.sample_rate, LONGEST_STEP, slopes)
         self._repeats = repeat_state(self._repeat_settings)
         self._period = 1.0 / c.sample_rate
         self._pace = PaceState(np.zeros(4), np.zeros(3, np.int64))
@@ -281,6 +281,7 @@ def judge_samples(
             spikes.counts[1] = 0
             repeats.counts[3] = 0
             repeats.counts[4] = 0
+            pace.clock[0] = time[k]
             continue
         changes = False
         for i in range(repeats.counts[4]):

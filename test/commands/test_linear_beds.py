@@ -68,6 +68,23 @@ def test_rounded_or_late_records_of_deflections_are_no_losses(seed: int, record:
     assert len([e for e in events if e.kind == EventKind.DETECTED]) <= (1 if record == "late" else 0)
 
 
+def test_a_step_between_two_samples_is_no_change() -> None:
+    """Commands act 20 ms later, half of a sample at 25 Hz: six alarms and two names before."""
+    random = np.random.default_rng(4435)
+    one = draw(random)
+    time, x, slopes, moved = (array[::2] for array in fly(one, random))
+    estimates = Identifier(configure(replace(one, rate=one.rate // 2))).run(time, x, slopes, moved).estimates
+    assert one.commands and one.lost < 0
+    assert not [e for estimate in estimates for e in estimate.events if e.kind == EventKind.DETECTED]
+
+
+@pytest.mark.parametrize("path", PATHS)
+@pytest.mark.parametrize("seed", [4424, 4428])
+def test_deflections_that_are_held_are_no_losses(seed: int, path: str) -> None:
+    row = judge((seed, path, "held"))
+    assert (row["false"], row["wrong"]) == (0, 0)
+
+
 def test_the_command_offers_every_record() -> None:
     assert [parser().parse_args(["linear", "--record", one]).record for one in RECORDS] == list(RECORDS)
 

@@ -226,3 +226,26 @@ def test_rows_that_wait_for_a_measurement_are_dropped_where_a_gap_comes_instead(
     screened = screen.judge(t, x, np.stack([moving(400, 4), moving(400, 5)], axis=1), moved)
     assert screened.time.tolist() == [*t[:201], *t[202:396]]
     assert screen.repeated == 1
+
+
+def test_a_state_that_stands_still_is_believed_as_far_as_its_derivative_is_small() -> None:
+    """A noise-free aircraft may come to rest at once; a gyro that is stuck while it turns has not."""
+    for moves in (False, True):
+        x, slopes = np.stack([moving(400), moving(400, 3)], axis=1), np.zeros((400, 2))
+        x[300:350, 1] = x[300, 1]
+        slopes[300:350, 1] = 20.0 * moves
+        screen = Screen(from_mapping({**CONFIGURATION, "sample_rate": RATE}))
+        screened = screen.judge(np.arange(400) / RATE, x, slopes, moving(400, 9)[:, None])
+        assert (30 < screen.repeated < 49) if moves else screen.repeated == 0
+        assert len(screened.time) == 400 - screen.repeated
+        assert screen.repeating == ("P" if moves else "")
+
+
+def test_what_is_not_of_flight_is_no_slower_pace() -> None:
+    states = ("u", "P", "Phi", "Theta")
+    settings = {"states": states, "effectors": ("da",), "reference_speed": 50.0, "estimator.method": "bank"}
+    screen = Screen(from_mapping({**settings, "sample_rate": RATE}))
+    x = np.stack([np.where(np.arange(400) % 3 == 0, 50.0, 1.0), *[moving(400)] * 3], axis=1)
+    screened = screen.judge(np.arange(400) / RATE, x, np.stack([moving(400, 3)] * 4, axis=1), moving(400, 9)[:, None])
+    assert screen.period == 1.0 / RATE
+    assert len(screened.time) < 140
