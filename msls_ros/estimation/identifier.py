@@ -8,7 +8,7 @@ configuration and the sample sequence alone.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -523,9 +523,8 @@ class Identifier:
             The dithers that answer them, and the estimate that is followed after each.
         """
         time, x, xdot, _, phi, y, out = samples
-        count = len(answered_time)
         part = slice(start, stop)
-        answered = slice(stop - count, stop)
+        answered = slice(stop - len(answered_time), stop)
         self._signals.clear()
         if not self._enabled:
             block = self._law.silence(time[part])
@@ -535,10 +534,10 @@ class Identifier:
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
             self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
         done = start
-        before = len(self._events)
         while done < stop:
             done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
-            now, alarm, self._statistic = float(time[done - 1]), out.alarm[done - 1], out.statistic[done - 1]
+            now = float(answered_time[max(done - 1 - answered.start, 0)])  # what waited is said when it is answered
+            alarm, self._statistic = out.alarm[done - 1], out.statistic[done - 1]
             if out.restart[done - 1] != SOUND:
                 self._passed = 0
                 self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
@@ -546,9 +545,6 @@ class Identifier:
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
             if self._supervisor.watching:
                 self._events += self._supervisor.follow(now, self._regression)
-        if count < stop - start:  # said at the sample that is answered
-            at = float(answered_time[-1])
-            self._events[before:] = [replace(event, time=at) for event in self._events[before:]]
         self._error = out.e[stop - 1]
         self._newest = out, stop - 1
         self._learnt_x, self._held_x = x[stop - 1].copy(), None

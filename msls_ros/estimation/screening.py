@@ -168,9 +168,9 @@ class Screen:
             array[:] = 0
         self._flight.flight[0] = -1.0
         self._pace.clock[1:3] = self._period
-        self._follow_pace()
+        self._fit_gap()
 
-    def _follow_pace(self) -> None:
+    def _fit_gap(self) -> None:
         self._spike_settings = self._spike_settings._replace(gap=max(GAP * self.period, LONGEST))
 
     @property
@@ -230,7 +230,7 @@ class Screen:
         settings = self._flight_settings, self._repeat_settings, self._spike_settings
         memories = self._flight, self._repeats, self._pace, self._spikes
         done = int(self._judge(settings, memories, time, samples, verdict, learnt, times, rows))
-        self._follow_pace()
+        self._fit_gap()
         verdict, learnt = verdict[:done], learnt[:done]
         if (learnt == 1).all() and (verdict == LEARNT).all() and (done == 0 or times[0] == time[0]):
             return Screened(time[:done], x[:done], xdot[:done], delta[:done], verdict, None)

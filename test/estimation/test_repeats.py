@@ -249,3 +249,24 @@ def test_what_is_not_of_flight_is_no_slower_pace() -> None:
     screened = screen.judge(np.arange(400) / RATE, x, np.stack([moving(400, 3)] * 4, axis=1), moving(400, 9)[:, None])
     assert screen.period == 1.0 / RATE
     assert len(screened.time) < 140
+
+
+def test_what_rows_that_waited_say_is_said_of_the_sample_that_is_answered() -> None:
+    """Two states are measured in turns, so that each row waits for the next; an effector is lost."""
+    random = np.random.default_rng(4428)
+    one = draw(random)
+    time, x, slopes, moved = (array[50 * one.rate :] for array in fly(one, random))
+    rows = np.arange(len(time))
+    x[:, 0], x[:, 1] = x[rows // 2 * 2, 0], x[(rows + 1) // 2 * 2 - 1, 1]
+    found = []
+    for every in (1, 1000):
+        run = Identifier(configure(one)).run(time, x, slopes, moved, every=every)
+        found.append([(e.time, e.kind, e.description) for estimate in run.estimates for e in estimate.events])
+    single = Identifier(configure(one))
+    events = []
+    for sample in zip(time, x, slopes, moved, strict=True):
+        said = single.update(*sample).events
+        assert all(e.time == sample[0] for e in said)
+        events += [(e.time, e.kind, e.description) for e in said]
+    assert one.lost >= 0 and single.held == ("v", "P")
+    assert found[0] == found[1] == events != []

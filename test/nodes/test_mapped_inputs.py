@@ -52,7 +52,7 @@ def offline(messages: list[tuple[str, Any]]) -> list[tuple[int, bytes, bytes]]:
     names, rate = (configuration.states, configuration.effectors), configuration.sample_rate
     slowest = slowest_pace(configuration)
     adapter = InputAdapter(inputs, *names, time_jump=0.2, sample_rate=rate, slowest=slowest)
-    identifier, found = Identifier(configuration), []
+    identifier, found = Identifier(configuration, adapter.straddle), []
     for topic, message in messages:
         for row in adapter.push(topic, 0, message):
             s = row.offer(gate)
