@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from msls_ros.estimation import Configuration
+from msls_ros.estimation.repeats import SLOWEST, RepeatFilter, repeat_settings
 from msls_ros.inputs.derivatives import usual_intervals
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
 from msls_ros.inputs.input_map import InputMap
@@ -19,6 +20,8 @@ _RATE_OFF, _RATE_WRONG = 0.1, 0.5
 """Deviation of the clock's rate from sample_rate, as a share."""
 _SHORT = 0.7
 """Share of the usual window of derivatives below which one is short: the noise is 1.7 times as large."""
+_MEASURED = 0.75
+"""Share of the messages that measure a number, below which the others are of note."""
 _EFFECTORS = "effectors."
 
 
@@ -71,6 +74,7 @@ def check_rates(record: Record, configuration: Configuration) -> Iterator[Findin
     for name, series in record.series.items():
         if name not in inputs.compared:
             yield from _check_age(name, series, rate)
+            yield from _check_repeats(name, series)
 
 
 def _check_window(inputs: InputMap, configuration: Configuration, rate: float) -> Iterator[Finding]:
@@ -140,6 +144,18 @@ def _check_age(name: str, series: Series, clock_rate: float) -> Iterator[Finding
         what = f"{rate:.3g} Hz is too slow for a surface: what it does in between is not seen, and B comes out wrong"
         level = WRONG if rate < _TOO_SLOW else DOUBTFUL
         yield Finding(level, "servo_rate", where, what, f"record it at {max(25.0, min(clock_rate, 50.0)):g} Hz or more")
+
+
+def _check_repeats(name: str, series: Series) -> Iterator[Finding]:
+    if len(series.stamps) < 3:
+        return
+    rate = 1e9 / float(np.median(np.diff(series.stamps)))
+    judge = RepeatFilter(repeat_settings([False] * series.values.shape[1], rate, SLOWEST))
+    measured = [judge.measured(row) for row in series.values]
+    share = float(np.mean(measured[len(measured) // 4 :]))  # it is known after eight changes
+    if share < _MEASURED:
+        what = f"it is measured at {share * rate:.3g} Hz: of the messages, at {rate:.3g} Hz, the others repeat it"
+        yield Finding(DOUBTFUL, "repeats", f"inputs.{name}", what, "they are not used; measure it as often, if you can")
 
 
 def check_clocks(record: Record) -> Iterator[Finding]:

@@ -12,7 +12,9 @@ import pytest
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.repeats import SLOWEST, STUCK
 from msls_ros.inputs import EffectorRow, InputAdapter, InputMap, StateRow
+from msls_ros.inputs.check_timing import check_rates
 from msls_ros.inputs.pacing import SLOW_STEPS, slowest_pace
+from msls_ros.inputs.series import Collector
 
 STEP = 10_000_000
 """Of the clock [ns]."""
@@ -147,3 +149,16 @@ def test_msls_and_rls_take_every_instant_of_the_clock_and_a_dither_is_not_held_f
     bank = Configuration().replace({"estimator.method": "bank"})
     assert slowest_pace(bank.replace({"dither.enabled": False})) == SLOWEST
     assert slowest_pace(bank.replace({"dither.enabled": True, "dither.stale_after": 0.05})) == pytest.approx(0.03)
+
+
+def test_an_inspection_says_how_often_a_number_is_measured_that_messages_repeat() -> None:
+    inputs = InputMap.from_parameters(MAPPED)
+    collector = Collector(inputs)
+    streams = stream("imu", "p", 1, 400), stream("vane", "v", 1, 400), stream("servo", "da", 1, 400, measured=4)
+    for each in streams:
+        for t, topic, message in each:
+            collector.take(topic, t, message)
+    configuration = Configuration().replace({"states": ("v", "P"), "effectors": ("da",), "known_gravity": False})
+    found = [f for f in check_rates(collector.record(), configuration) if f.kind == "repeats"]
+    assert [f.where for f in found] == ["inputs.effectors.da"]
+    assert found[0].what.startswith("it is measured at 25 Hz: of the messages, at 100 Hz,")
