@@ -2,9 +2,9 @@
 
 Between two of its samples a stream is a straight line to whoever interpolates it. A state goes nearly so; a deflection,
 or a derivative, may have stepped at any time between them, and where it did not, as much is missing in the equations.
-So where such a stream has come half as often again too slowly `SLOW_STEPS` times (more than it has not), its samples
-are the instants, at which all others are interpolated. One that comes more seldom than `SLOWEST`, or than a dither can
-be held, sets no pace: too few rows would be left.
+So where such a stream has come half as often again too slowly `screening.SLOW_ROWS` times (more than it has not), its
+samples are the instants, at which all others are interpolated. One that comes more seldom than `SLOWEST`, or than a
+dither can be held, sets no pace: too few rows would be left.
 
 What a message repeats because nobody has measured it since is no sample of its stream: see `repeats`.
 
@@ -28,18 +28,15 @@ import numpy as np
 
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.repeats import SLOWEST, RepeatFilter, repeat_settings
+from msls_ros.estimation.screening import SLOW, SLOW_ROWS
 from msls_ros.inputs.input_map import WIND, StreamInput
 
-SLOW, SLOW_STEPS = 1.5, 12
-"""How many times the clock's steps those of a slower stream are, and how many of them show it."""
 SHARE = 0.1
 """Of the newest step in the mean one."""
 STEPS = ("effectors.", "derivatives.", "angular_acceleration", "specific_force")
 """What streams begin with that may step."""
 USUAL = 100.0
 """Rate where none is said [Hz]."""
-
-
 MOST_HELD = 0.6
 """Share of the time for which a dither is held, that may pass between two instants [1]."""
 
@@ -113,8 +110,8 @@ class Pacer:
         if not self._counts[index] or self._step[-1] == 0.0 or step == 0.0:
             return False
         slow = SLOW * self._step[-1] < step <= self._slowest
-        self._slow[index] = min(self._slow[index] + 1, 2 * SLOW_STEPS) if slow else max(self._slow[index] - 1, 0)
-        believed = self._slow[index] >= SLOW_STEPS
+        self._slow[index] = min(self._slow[index] + 1, 2 * SLOW_ROWS) if slow else max(self._slow[index] - 1, 0)
+        believed = self._slow[index] >= SLOW_ROWS
         if index == self.pacer:
             self.pacer = index if self._slow[index] > 0 else -1
         elif believed and (self.pacer < 0 or self._step[index] > SLOW * self._step[self.pacer]):

@@ -11,9 +11,10 @@ import pytest
 
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.repeats import SLOWEST, STUCK
+from msls_ros.estimation.screening import SLOW_ROWS
 from msls_ros.inputs import EffectorRow, InputAdapter, InputMap, StateRow
 from msls_ros.inputs.check_timing import check_rates
-from msls_ros.inputs.pacing import SLOW_STEPS, slowest_pace
+from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.series import Collector
 
 STEP = 10_000_000
@@ -64,7 +65,7 @@ def test_a_stream_that_may_step_and_is_slower_than_the_clock_sets_the_pace(slow:
     if slow == "derivative":
         servo = ((t, topic, Message(t=t, da=m.dv, dv=m.dv)) for t, topic, m in servo)
     steps, _ = rows(one, stream("imu", "p", 1, 400), servo, stream("vane", "v", 1, 400))
-    known = 1 + 4 * (SLOW_STEPS + 1)
+    known = 1 + 4 * (SLOW_ROWS + 1)
     assert [k for k in steps if k > known] == [k for k in range(1, 400, 4) if k > known]
     assert set(range(1, known - 4)) <= set(steps)
     assert one.refused["stale"] == 1  # the instant before the first sample
