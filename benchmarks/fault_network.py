@@ -23,6 +23,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from msls_ros.nodes.loopback import PROFILE, RANGE
+
 ROOT = Path(__file__).resolve().parents[1]
 ETH_P_ALL, SOL_PACKET, PACKET_VNET_HDR = 3, 263, 15
 LOSS, JITTER = 0.2, 0.05
@@ -164,7 +166,8 @@ def _ip(*words: str, inside: int | None = None) -> None:
 
 
 def _start(stack: ExitStack, site: int, name: str, reports: dict[str, Path], *given: str) -> subprocess.Popen[bytes]:
-    environment = {**os.environ, "ROS_AUTOMATIC_DISCOVERY_RANGE": "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    environment = {**os.environ, RANGE: "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
+    environment.pop(PROFILE, None)
     code = f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"
     program = ["-m", "benchmarks.fault_watched", name, str(reports[name])] if name in reports else ["-c", code]
     command = ["nsenter", "-t", str(site), "-n", sys.executable, *program, "--ros-args", *given]

@@ -25,7 +25,7 @@ from msls_msgs.msg import DitherCommand, EffectorCommand, LinearModel, StateSamp
 
 from msls_ros import messages
 from msls_ros.bags import BagReader
-from msls_ros.testing import WITHOUT_SHARED_MEMORY, Bench
+from msls_ros.testing import Bench
 
 VICTIMS = ("identifier", "plant", "recorder", "mixer")
 STALE_AFTER = 0.1
@@ -40,8 +40,7 @@ LIMIT = 600.0
 def launch(name: str, folder: Path, domain: int, *given: str) -> subprocess.Popen[bytes]:
     """Start a node as a process."""
     code = f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"
-    domains = {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
-    environment = {**os.environ, **WITHOUT_SHARED_MEMORY, **domains}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     with (folder / f"{name}.log").open("ab") as log:
         command = [sys.executable, "-c", code, "--ros-args", *given]
         return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)

@@ -41,17 +41,18 @@ from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.inputs.profiles import read_profile
 from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.loopback import BY_PROFILE, RANGE, loopback
 from msls_ros.nodes.quality import INPUT
 
 __all__ = ["PATIENCE", "WITHOUT_SHARED_MEMORY", "Bench", "IdentifierBench"]
 
 PATIENCE = 300.0
 """Wall clock after which what was waited for will not come [s]."""
-WITHOUT_SHARED_MEMORY = {"FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
-"""Environment of node processes that a test kills.
+WITHOUT_SHARED_MEMORY = loopback()
+"""Environment of tests that kill node processes, of these and of pytest itself, before its first participant.
 
-What they leave in shared memory can take a process down that opens it later, and that is no exception that could be
-caught (https://github.com/eProsima/Fast-DDS/issues/6501, on Windows; that it happens here was not shown).
+What a killed process leaves in shared memory can hang the next one, or take it down: `msls_ros.nodes.loopback`. Where
+it is in ``os.environ`` a `Bench` goes by it, as do the processes that a test starts.
 """
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
@@ -99,7 +100,8 @@ class Bench:
 
     def __init__(self) -> None:
         """Make the context and the probe; see the class."""
-        os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+        if os.environ.get(RANGE) != BY_PROFILE:
+            os.environ[RANGE] = "LOCALHOST"
         self.domain, self._lock = claim_domain()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from msls_ros.testing import PATIENCE, Bench, claim_domain
+from msls_ros.testing import PATIENCE, WITHOUT_SHARED_MEMORY, Bench, claim_domain
 
 DOMAIN, _domain_lock = claim_domain()
 """Of what this process of pytest starts beside the benches."""
 os.environ["ROS_DOMAIN_ID"] = str(DOMAIN)
-os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+os.environ.update(WITHOUT_SHARED_MEMORY)
 
 
 @pytest.fixture

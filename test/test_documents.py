@@ -28,7 +28,7 @@ from msls_ros.commands import reference
 from msls_ros.flights.scenarios import find_scenario
 from msls_ros.inputs import InputMap
 from msls_ros.inputs.profiles import read_inputs, read_profile
-from msls_ros.testing import WITHOUT_SHARED_MEMORY, Bench
+from msls_ros.testing import Bench
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = ROOT / "docs"
@@ -214,8 +214,7 @@ def test_what_is_said_to_run_a_command_exists_and_is_asked_for() -> None:
         assert function in {node.name for node in tree.body if isinstance(node, ast.FunctionDef)}, name
 
 
-def test_the_reference_is_what_the_code_gives(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+def test_the_reference_is_what_the_code_gives() -> None:
     found = (DOCS / "reference.md").read_text(encoding="utf-8")
     assert found == reference.reference(), (
         "write it again: ./msls python -m msls_ros.commands.reference docs/reference.md"
@@ -258,7 +257,7 @@ def test_the_commands_on_a_bag_run_one_after_the_other(
 
 def test_the_identifier_takes_the_example_of_a_stack(bench: Bench) -> None:
     (command,) = (command for command in RUN_BY if "my_stack.yaml" in command)
-    node = process(command, ROS_DOMAIN_ID=str(bench.domain), **WITHOUT_SHARED_MEMORY)
+    node = process(command, ROS_DOMAIN_ID=str(bench.domain))
     try:
         for count, topic in (
             (bench.probe.count_subscribers, "/joint_states"),

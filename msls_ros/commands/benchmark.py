@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
+from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.plant import NOISE_LEVELS
 
 CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
@@ -159,6 +160,7 @@ def _campaign(arguments: argparse.Namespace) -> Any:
 
 
 def _faults(arguments: argparse.Namespace) -> Any:
+    stay_on_this_machine()
     module = importlib.import_module("benchmarks.faults")
     sizes = {name: getattr(arguments, name) for name, _, _ in FAULT_SIZES}
     result = module.measure(arguments.only, sizes, _say, arguments.seed)

@@ -28,6 +28,7 @@ from msls_ros.flights.judging import LABELS
 from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
+from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.nodes.running import BAD_INPUT
 from msls_ros.offline.comparison import compare
 from msls_ros.plant import NOISE_LEVELS
@@ -69,6 +70,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ScenarioError, ControlError) as error:
         print(f"demo: {error}", file=sys.stderr)
         return 2
+    stay_on_this_machine()
     noise = arguments.noise or scenario.noise
     out = arguments.out or Path("out") / scenario.name
     interrupted: list[int] = []

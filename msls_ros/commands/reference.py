@@ -26,6 +26,7 @@ from rclpy.parameter import Parameter
 from msls_ros.commands import benchmark, campaign, demo, inspect, paper, replay, report, watch
 from msls_ros.flights.scenarios import shipped
 from msls_ros.nodes import control_parameters, controller, identifier, mixer, pilot, plant, recorder
+from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.nodes.parameters import Table, constraint
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -166,7 +167,7 @@ def _nodes() -> Iterator[str]:
 @contextmanager
 def _quiet_context() -> Iterator[Context]:
     """Give a context on this machine only, whose nodes log errors and nothing else."""
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    stay_on_this_machine()
     context = Context()
     rclpy.init(context=context, domain_id=1 + os.getpid() % 100)
     for name in (*NODES, "rcl"):

@@ -23,6 +23,7 @@ from msls_ros.estimation.configuration import as_mapping
 from msls_ros.flights.scenarios import Scenario
 from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.loopback import RANGE
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import FIXED_LAW, TOPICS, RecorderNode
@@ -95,7 +96,7 @@ def fly(
         For bad input.
     """
     with ExitStack() as stack:
-        os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        os.environ.setdefault(RANGE, "LOCALHOST")
         context = Context()
         rclpy.init(context=context, domain_id=domain())
         stack.callback(context.try_shutdown)

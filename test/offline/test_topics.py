@@ -27,7 +27,7 @@ from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.quality import INPUT
 from msls_ros.offline.replay import kept_parameters
 from msls_ros.offline.replay import replay as replay_bag
-from msls_ros.testing import PATIENCE, WITHOUT_SHARED_MEMORY, Bench
+from msls_ros.testing import PATIENCE, Bench
 
 KINDS: dict[str, Any] = {"/model": LinearModel, "/fault": FaultEvent, "/dither": DitherCommand}
 STORE = typestore()
@@ -114,7 +114,7 @@ def test_a_recorder_killed_in_flight_loses_at_most_the_last_second(
     bag = tmp_path / "bag"
     code = "import sys; from msls_ros.commands.recorder import main; sys.exit(main())"
     arguments = ["--ros-args", "-p", f"out:={bag}"]
-    environment = {**os.environ, **WITHOUT_SHARED_MEMORY, "ROS_DOMAIN_ID": str(bench.domain)}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(bench.domain)}
     flight = inputs(BAGS / "tail_fault")
     sent: list[float] = []
     kinds = {"/state": StateSample, "/effectors": EffectorSample}
