@@ -35,11 +35,13 @@ SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
 PATHS = ("direct", "differentiated")
-RECORDS = ("as drawn", "coarse", "late", "slow", "held")
+RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped")
 """As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`; deflections
-measured for every `HELD` rows."""
+measured for every `HELD` rows; dampers that are fed the measured rates, noise and all, and `REST` before an input."""
 COARSE, BEHIND, SLOW, HELD = float(np.radians(0.1)), 0.02, 6.0, 3
 """[rad], [s] (a sample at least), [rad/s], [rows]"""
+DAMPED, REST = 0.3, 20.0
+"""Least gain of a damper, as `Linear.feedback` [1]; [s]."""
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 
 
@@ -71,6 +73,8 @@ class Linear:
     """The effector that is lost at ``time``, negative: none."""
     left: float
     time: float
+    damped: bool = False
+    """Whether what is fed back has the noise that is recorded, after `REST`."""
 
 
 def draw(random: np.random.Generator) -> Linear:
@@ -154,18 +158,23 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
     """Return what is recorded: time (n,), states, derivatives (n, .) and deflections (n, m)."""
     wanted = inputs(one, random)
     n, m = wanted.shape
+    if one.damped:
+        rest = round(REST * one.rate)
+        wanted = np.concatenate([np.zeros((rest, m)), wanted[:-rest]])
     steps = max(1, round(1.0 / (one.rate * SUBSTEP)))
     dt = 1.0 / (one.rate * steps)
     x, u, gust = np.zeros(len(one.states)), np.zeros(m), 0.0
     late = [np.zeros(m)] * (round(one.delay / dt) + 1)
     b, push = one.b.copy(), one.gusts * GUST * one.speed * np.sqrt(2.0 * GUST_PACE * dt)
     seen, slopes, moved = np.zeros((n, len(x))), np.zeros((n, len(x))), np.zeros((n, m))
+    of_states = np.array([NOISE["velocity"] * one.speed, *[NOISE["rate"]] * (len(x) - 1)])
+    fed = one.noise * of_states * random.spawn(1)[0].normal(size=seen.shape) if one.damped else np.zeros(seen.shape)
     for k in range(n):
         if one.lost >= 0 and k >= one.time * one.rate:
             b[:, one.lost] = one.b[:, one.lost] * one.left
         command = wanted[k].copy()
         for j in range(m):
-            command[j] -= one.feedback * x[j + 1] / one.b[j + 1, j] * abs(one.a[j + 1, j + 1])
+            command[j] -= one.feedback * (x[j + 1] + fed[k, j + 1]) / one.b[j + 1, j] * abs(one.a[j + 1, j + 1])
         air = x.copy()
         air[0] += gust
         seen[k], slopes[k] = x, b @ u + one.a @ air
@@ -177,10 +186,8 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
             air[0] += gust
             x = x + dt * (b @ u + one.a @ air)
             gust += -dt * GUST_PACE * gust + push * random.normal()
-    linear, turning = NOISE["velocity"] * one.speed, NOISE["angular acceleration"] * one.pace
-    of_states = np.array([linear, *[NOISE["rate"]] * (len(x) - 1)])
-    of_slopes = np.array([NOISE["acceleration"], *[turning] * (len(x) - 1)])
-    seen += one.noise * of_states * random.normal(size=seen.shape)
+    of_slopes = np.array([NOISE["acceleration"], *[NOISE["angular acceleration"] * one.pace] * (len(x) - 1)])
+    seen += fed if one.damped else one.noise * of_states * random.normal(size=seen.shape)
     slopes += one.noise * of_slopes * random.normal(size=slopes.shape)
     moved += one.noise * NOISE["deflection"] * random.normal(size=moved.shape)
     return np.arange(n) / one.rate, seen, slopes, moved
@@ -226,6 +233,8 @@ def judge(job: tuple[int, str, str]) -> Row:
     one = draw(random)
     if record == "slow":
         one = replace(one, servo=SLOW, commands=True)
+    if record == "damped":
+        one = replace(one, damped=True, feedback=max(one.feedback, DAMPED))
     configuration, flight = configure(one), keep(record, one, fly(one, random))
     straddle = 0 if path == "direct" else usual_intervals(one.rate)
     samples = differentiate(one, flight, HELD if record == "held" else 1) if straddle else flight

@@ -56,6 +56,7 @@ from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_delay import deflection_of
 from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry, rounding_noise
 from msls_ros.estimation.bank_energy import FIRST, observe_novelty
+from msls_ros.estimation.bank_fed_noise import observe_followers
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import exponential
@@ -140,6 +141,8 @@ def sense_bank(
             observe_answer(s, x, q, phi, y[q], expected)
             if s.straddle == 0:
                 observe_entry(s, x, q, last)
+            else:
+                observe_followers(s, x, q, phi)
         if not s.detect:
             continue
         square = sharp * sharp

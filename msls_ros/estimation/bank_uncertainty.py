@@ -53,6 +53,7 @@ from msls_ros.estimation.bank_attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank_batches import batch_square, observe_batches
 from msls_ros.estimation.bank_correction import correct
 from msls_ros.estimation.bank_effector_noise import state_noise
+from msls_ros.estimation.bank_fed_noise import follows_noise
 from msls_ros.estimation.bank_lags import (
     KEEP,
     find_late_square,
@@ -274,7 +275,7 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
         square = x.mixed[q, i] * x.mixed[q, i]
-        if x.answered[j] == 0:
+        if x.answered[j] == 0 and not follows_noise(s, x, q, j):
             stays = common_part(x, q) * x.mixed[q, i]
             shares = stays * stays + elsewhere_square(s, x.mixed[q, i], i, away, apart)
             if ANSWERED * (squares[i] - bias[i] - x.widened[q, i] * shares) < x.widened[q, i] * square:
