@@ -40,7 +40,7 @@ RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped")
 measured for every `HELD` rows; dampers that are fed the measured rates, noise and all, and `REST` before an input."""
 COARSE, BEHIND, SLOW, HELD = float(np.radians(0.1)), 0.02, 6.0, 3
 """[rad], [s] (a sample at least), [rad/s], [rows]"""
-DAMPED, REST = 0.3, 20.0
+DAMPED, REST = 1.0, 20.0
 """Least gain of a damper, as `Linear.feedback` [1]; [s]."""
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 

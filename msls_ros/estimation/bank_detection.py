@@ -142,7 +142,7 @@ def sense_bank(
             if s.straddle == 0:
                 observe_entry(s, x, q, last)
             else:
-                observe_followers(s, x, q, phi)
+                observe_followers(s, x, q, phi, y[q])
         if not s.detect:
             continue
         square = sharp * sharp

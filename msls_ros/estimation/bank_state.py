@@ -381,10 +381,10 @@ class BankState(NamedTuple):
     """(c,) whether the effector's loss may have made the last alarm."""
     unanswered: Array
     """(c,) for how long no output has answered [s]."""
-    past_answers: Array
-    """(w, r, c) `white_answer` over the window that the inputs have passed, a ring; see `bank_fed_noise`."""
+    past_outputs: Array
+    """(w, r) the outputs over the window that the inputs have passed, a ring; see `bank_fed_noise`."""
     common: Array
-    """(2, r, c) weighted sums of it, and of that of a window ago, times the deflections."""
+    """(3, r, c) weighted sums of that of now, of half a window and of a window ago, times the deflections."""
     states: Array
     """(3, r) the last states, a ring."""
     state_third: Array
@@ -661,8 +661,8 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         white_cross=np.zeros((rows, effectors)),
         white_power=np.zeros((rows, effectors)),
         white_answered=np.zeros((rows, effectors)),
-        past_answers=np.zeros((max(s.straddle, 1), rows, effectors)),
-        common=np.zeros((2, rows, effectors)),
+        past_outputs=np.zeros((max(s.straddle, 1), rows)),
+        common=np.zeros((3, rows, effectors)),
         rest_cross=np.zeros((rows, effectors)),
         rest_power=np.zeros((rows, effectors)),
         rest_energy=np.zeros(effectors),
