@@ -195,16 +195,16 @@ def judge_flight_test(bed: Bed, seed: int, flight: Recorded, repeat: Recorded) -
         configuration = ours.replace({**changes, **({} if name == "bank" else {"detector.mode": "off"})})
         estimates = estimates_of(configuration, flight)
         time, last = np.array([one.time for one in estimates]), estimates[-1]
+        at_end = truth_at(flight, last.time)
         if name == "bank":
             row["alarms"] = sum(e.kind == EventKind.DETECTED for one in estimates for e in one.events)
             row["delay"] = last.delay
-            exact = replace(last, a=truth_at(flight, last.time)[0], b=truth_at(flight, last.time)[1])
+            exact = replace(last, a=at_end[0], b=at_end[1])
             row["r2_lost_by_truth"] = {
                 span[2][0][0]: best - r_squared(ours, exact, clip(repeat, *span[:2]), span)
                 for span, best in zip(KEYS, expected, strict=True)
             }
         found: Row = {measure: {} for measure in MEASURES}
-        at_end = truth_at(flight, last.time)
         for span, batch, truth, best in zip(KEYS, batches, truths, expected, strict=True):
             then = estimates[int(np.searchsorted(time, span[1])) - 1]
             for key in span[2]:

@@ -23,6 +23,8 @@ node.create_subscription(String, "word", heard.append, 10)
 while not heard:
     rclpy.spin_once(node)
 print(heard[0].data)
+node.destroy_node()
+rclpy.shutdown()
 """
 """A subscriber in a process of its own, which ends with the first message."""
 
