@@ -108,6 +108,7 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
             x.early[q, i] = 0.0
     for q in range(x.early.shape[0]):
         x.early[q, 0] = 0.0
+    x.past_outputs[:] = 0.0
     for j in range(count):
         now = phi[first + j]
         x.quick_mean[first + j] = now

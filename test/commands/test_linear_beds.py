@@ -88,7 +88,7 @@ def test_deflections_that_are_held_are_no_losses(seed: int, path: str) -> None:
 
 @pytest.mark.parametrize("seed", [5103, 5107, 5108, 5109, 5117, 5123])
 def test_a_damper_that_follows_the_noise_of_its_sensor_teaches_nothing_at_rest(seed: int) -> None:
-    """Before, effects were known to a tenth after 5 s of rest; the first input says what they are."""
+    """Before, the error of an effect was less than five times its size in four of the six; the first input says it."""
     random = np.random.default_rng(seed)
     drawn = draw(random)
     noise = max(drawn.noise, 0.1)
