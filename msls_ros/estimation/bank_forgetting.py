@@ -187,6 +187,9 @@ def copy_group(x: BankState, g: int, target: int) -> None:
         x.taken[target, m] = x.taken[g, m]
     for i in range(x.kept_info.shape[1]):
         x.kept_info[target, i] = x.kept_info[g, i]
+    for a in range(x.motion.shape[1]):
+        copy_rows(x.motion[g, a], x.motion[target, a])
+        copy_rows(x.whitened[g, a], x.whitened[target, a])
     x.age[target] = x.age[g]
     for a in range(x.axis_gate.shape[1]):
         x.axis_gate[target, a] = x.axis_gate[g, a]

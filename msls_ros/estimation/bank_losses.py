@@ -45,6 +45,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_effector_noise import resting_noise, slow_noise
+from msls_ros.estimation.bank_loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
@@ -76,8 +77,6 @@ Seeds 811 and 812, 324 runs: 12 false alarms, late ones among them, and a wrong 
 """
 MOTION = 0.5
 """Least share of the information about an effect that is motion, of what a row may say of its loss [1]."""
-OUTLIER = 9.0
-"""Squared innovations count no more than so many times their mean: a jump is what is looked for, and no noise."""
 
 
 @compiled
@@ -179,6 +178,8 @@ def observe_innovations(s: BankSettings, x: BankState, q: int) -> None:
         return
     weight = max(x.gate[q], s.quiet)
     fade = 1.0 - (1.0 - s.colour_forgetting) * weight
+    if s.straddle > 0 and s.differenced[q] != 0:
+        observe_sums(s, x, q, x.errors[q, s.noise_member] * x.deviation[g, s.noise_member], weight)
     for a in range(s.loss_members.shape[0]):
         m = s.loss_members[a]
         own = x.innovation[a, q]
@@ -200,7 +201,13 @@ def noise_of(s: BankSettings, x: BankState, q: int, a: int) -> float:
     if x.base[q, 1] < s.rest or own[0] <= 0.0:
         return 0.0
     rho = min(max(own[1] / own[0], 0.0), LARGEST_COLOUR)
-    return float(own[0] / own[2] * (1.0 + rho) / (1.0 - rho) + FLOOR * FLOOR * max(x.now[q], own[4]))
+    return float(own[0] / own[2] * (1.0 + rho) / (1.0 - rho) + model_error_of(x, q, a))
+
+
+@compiled
+def model_error_of(x: BankState, q: int, a: int) -> float:
+    """Variance of what of row q's output is model error, by the energy that it has in what member a remembers."""
+    return float(FLOOR * FLOOR * max(x.now[q], x.innovation[a, q, 4]))
 
 
 @compiled
@@ -259,8 +266,10 @@ def compare_surfaces(
                 total += work.factor[i, j] * work.difference[j]
             work.w[i] = total
         fitted = take_off_noise(s, x, before, q, m, work)
+        find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
         changed = 0.0
         for i in range(1, p):
+            work.w[i] *= work.whitening[i]
             changed += work.w[i] * work.w[i]
         if scattered:
             n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted, 1)))
@@ -304,8 +313,9 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
         size = 0.0
         along = 0.0
         for i in range(1, j + 1):
-            size += work.factor[i, j] * work.factor[i, j]
-            along += work.factor[i, j] * w[i]
+            step = work.factor[i, j] * work.whitening[i]
+            size += step * step
+            along += step * w[i]
         if size > 0.0:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
 
@@ -316,10 +326,13 @@ def most_by_surface(work: BankWork) -> float:
     most = 0.0
     for k in range(work.steps.shape[0]):
         along = 0.0
+        size = 0.0
         for i in range(1, work.w.shape[0]):
-            along += work.steps[k, i] * work.w[i]
-        if work.steps[k, 0] > 0.0:
-            most = max(most, along * along / work.steps[k, 0])
+            step = work.steps[k, i] * work.whitening[i]
+            size += step * step
+            along += step * work.w[i]
+        if size > 0.0:
+            most = max(most, along * along / size)
     return most
 
 
@@ -346,20 +359,23 @@ def compare_row(
         return
     first = s.effectors_from + 1
     count = x.taken[x.group[q], s.loss_members[a]]
-    size = work.steps[k, 0]
+    size = 0.0
     along = 0.0
     for i in range(1, before.shape[1]):
-        along += work.steps[k, i] * work.w[i]
+        step = work.steps[k, i] * work.whitening[i]
+        size += step * step
+        along += step * work.w[i]
+    part = size / work.steps[k, 0] if work.steps[k, 0] > 0.0 else 1.0
     noise = 0.0
     most = 0.0
     for j in range(s.gains.shape[1]):
         weighed = s.gains[k, j] * count * resting_noise(s, x, j)
         noise += weighed * s.gains[k, j]
         most += s.gains[k, j] * count * slow_noise(s, x, j) * s.gains[k, j]
-        along += weighed * before[q, first + j]
-    if size <= most / (1.0 - MOTION):
+        along += weighed * before[q, first + j] * part
+    if work.steps[k, 0] <= most / (1.0 - MOTION):
         return
-    size -= noise
+    size -= noise * part
     work.against[q, k] = effect * along / n
     work.information[q, k] = effect * effect * size / n
     work.reference[q, k] = error / (effect * effect)

@@ -23,6 +23,7 @@ from msls_ros.estimation.bank_effector_noise import (
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs
+from msls_ros.estimation.bank_loss_noise import observe_regressors
 from msls_ros.estimation.bank_losses import (
     EVERY,
     keep_reference,
@@ -138,6 +139,8 @@ def advance_bank(
         for g in range(x.age.shape[0]):
             if in_use(x, g) and not waits(x, g):
                 update_members(s, x, g, work.y, work)
+                if s.straddle > 0:
+                    observe_regressors(s, x, g, work.phi, work.w)
         observe_delay(s, x, work.outputs, work)
         update_rows(s, x, work.y, work)
         keep_reference(s, x)

@@ -146,6 +146,9 @@ class BankSettings(NamedTuple):
     """(a,) by how much older, in strides."""
     loss_tests: Integers
     """(a,) how many times in a row each must see a loss."""
+    loss_sums: int
+    """How many lengths of sums of innovations are looked at, see `bank_loss_noise`, and of which member."""
+    noise_member: int
     loss_limits: Array
     """(a, 2) by how many standard errors, so many times, and half as many [1]."""
     stride: int
@@ -435,6 +438,15 @@ class BankState(NamedTuple):
     innovation: Array
     """(a, r, 5) of the members that are compared: weighted sums of squares, of products of successive ones, of the
     weights, the last one, and the energy that the output had in what they remember, see `bank_losses`."""
+    innovation_sums: Array
+    """(r, l) running sums of those of one member, a ring, and how many (r,) they are; see `bank_loss_noise`."""
+    sums_taken: Integers
+    sum_squares: Array
+    """(r, k, 2) weighted sums of the squares of sums of 1, 2, 4, ... of them, over that number, and of weights."""
+    whitened: Array
+    """(g, a, w, p) the regressors of the last samples by the factors of these members, orthogonal, a ring."""
+    motion: Array
+    """(g, a, 2, p) sums of squares of how far they go in a window, and of what they are."""
     run: Integers
     """(a, 2) how many times in a row a loss was seen, and surely, see `bank_losses`."""
     suspect: Integers
@@ -546,6 +558,8 @@ class BankWork(NamedTuple):
     """(p,) of its estimates from older ones."""
     factor: Array
     """(p, p) of one member."""
+    whitening: Array
+    """(p,) by what its coordinates of a change are multiplied, for all to have the same noise [1]."""
     steps: Array
     """(k, p) the direction of each surface's loss in it, its squared length first."""
     noise_moves: Array
@@ -697,6 +711,11 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         kept_theta=np.zeros((kept, rows, p)),
         kept_square=np.zeros((kept, rows, p)),
         innovation=np.zeros((len(s.loss_members), rows, 5)),
+        innovation_sums=np.zeros((rows, 2 ** (s.loss_sums - 1) + 1)),
+        sums_taken=np.zeros(rows, np.int64),
+        sum_squares=np.zeros((rows, s.loss_sums, 2)),
+        whitened=np.zeros((groups, len(s.loss_members), max(s.straddle, 1), p)),
+        motion=np.zeros((groups, len(s.loss_members), 2, p)),
         run=np.zeros((len(s.loss_members), 2), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
         misfits=np.zeros(rows, np.int64),
@@ -743,6 +762,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
             np.zeros((rows, k)),
             np.zeros(p),
             np.zeros((p, p)),
+            np.ones(p),
             np.zeros((k, p)),
             np.zeros((p, p)),
         ),
@@ -779,6 +799,10 @@ def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
             for m in range(s.forgetting.shape[0]):
                 x.sensitivity[g, j, i, m] = 0.0
     x.age[g] = 0
+    for a in range(x.motion.shape[1]):
+        for i in range(s.prior.shape[0]):
+            x.motion[g, a, 0, i] = 0.0
+            x.motion[g, a, 1, i] = 0.0
     for a in range(x.axis_gate.shape[1]):
         x.axis_gate[g, a] = 1.0
 

@@ -18,6 +18,7 @@ from msls_ros.estimation.bank_effector_noise import (
     rounding_noise,
     state_noise,
 )
+from msls_ros.estimation.bank_fed_noise import follows_noise
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
@@ -491,3 +492,26 @@ def test_a_median_begins_with_the_first_noise_that_shows() -> None:
     for k, value in enumerate(noise.tolist()):
         found = median_of(found, value, 1e-12, k)
     assert 0.2 < found / MEDIAN < 3.0
+
+
+@pytest.mark.parametrize(
+    ("now", "half", "whole", "noise"),
+    [
+        (-1.37, -0.49, 0.43, True),
+        (1.0, -0.3, -1.0, True),
+        (1.0, 0.3, 0.1, False),
+        (1.0, 1.0, 1.0, False),
+        (1.0, 0.9, 2.1, True),
+        (0.0, 0.0, 0.0, True),
+    ],
+    ids=["noise beside gusts", "noise", "dither", "a hold", "later twice as much", "nothing yet"],
+)
+def test_what_a_deflection_and_a_slope_have_in_common_later_says_whether_it_is_an_answer(
+    now: float, half: float, whole: float, noise: bool
+) -> None:
+    """The first is that of an elevator that rested for 20 s in gusts: its first input alarmed, and it was named."""
+    for straddle in (0, 4):
+        engine = Identifier(from_mapping(SMALL), straddle)._regression
+        assert isinstance(engine, BankRegression)
+        engine.state.common[:, 0, 0] = now, half, whole
+        assert follows_noise(engine.settings, engine.state, 0, 0) == (noise and straddle > 0)
