@@ -29,6 +29,9 @@ innovations do not: gusts that last as long as the member remembers move all est
 larger of the two; a test of F in place of one of chi-square. What of the output is model error goes with the energy
 that it has in what the member remembers: where dither is all that moves, that is little, and so is the error.
 
+Where derivatives are made in a window, each coordinate of ``R D`` has a noise of its own, and is divided by its
+deviation first (`bank_loss_noise`).
+
 The innovations are the member's own: what its walking constant follows is no noise in its estimates. An estimate that
 has moved within a second before is no reference: the square of that is in its error.
 
