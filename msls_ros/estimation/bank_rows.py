@@ -373,11 +373,22 @@ def restart_row(x: BankState, q: int) -> None:
 
 @compiled
 def keep_before(s: BankSettings, x: BankState, q: int) -> None:
-    """Keep what was known of row q before its first alarm, for isolation."""
+    """Keep what was known of row q before its first alarm, for isolation.
+
+    Through a window a change has come in, and has been learnt from, for samples before it alarms, by one error or by
+    the mean of many: there it is what was known before all of these.
+    """
     if x.pending[q] != 0:
         return
     x.pending[q] = 1
     p = x.mixed.shape[1]
+    back = 1 + (s.straddle + s.windows[s.windows.shape[0] - 1]) // s.stride
+    if s.straddle > 0 and x.kept[0] - x.kept[1] > back:
+        slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
+        for i in range(p):
+            x.theta_before[q, i] = x.kept_theta[slot, q, i]
+            x.square_before[q, i] = x.kept_square[slot, q, i]
+        return
     for i in range(p):
         x.theta_before[q, i] = x.mixed[q, i]
         square = x.square_moved[q, i] * doubt(s, x, i)

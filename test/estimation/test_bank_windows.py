@@ -13,14 +13,15 @@ from msls_ros.estimation.bank_batches import batch_square, observe_batches
 from msls_ros.estimation.bank_detection import change_of, student_square
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import bank_settings, independent_squares
+from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.derivatives import DerivativeFilter
 
 INTERVALS = 4
 FAULT = 900
 
 
-def alarms(share: float, noise: float = 1e-3) -> list[float]:
-    """Return the times of alarms: an effector keeps a share of its effect from `FAULT` on, while it is held.
+def held(share: float, noise: float = 1e-3) -> tuple[Array, Array, Array, Array]:
+    """Return samples of a flight in which an effector keeps a share of its effect from `FAULT` on, while it is held.
 
     Rates and deflections, with white noise, pass the window; the derivatives are its slopes.
     """
@@ -41,10 +42,34 @@ def alarms(share: float, noise: float = 1e-3) -> list[float]:
     window = DerivativeFilter(INTERVALS, 5, 10**9)
     kept = [one for t, row in zip(time, read, strict=True) if (one := window.push(round(t * 1e9), row)) is not None]
     smooth, slope = np.array([one.smooth for one in kept]), np.array([one.slope for one in kept])
-    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), INTERVALS)
-    stamps = np.array([one.stamp * 1e-9 for one in kept])
-    run = identifier.run(stamps, smooth[:, :3], slope[:, :3], smooth[:, 3:])
+    return np.array([one.stamp * 1e-9 for one in kept]), smooth[:, :3], slope[:, :3], smooth[:, 3:]
+
+
+def windowed() -> Identifier:
+    return Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), INTERVALS)
+
+
+def alarms(share: float, noise: float = 1e-3) -> list[float]:
+    """Return the times of alarms."""
+    run = windowed().run(*held(share, noise))
     return [v.time for e in run.estimates for v in e.events if v.kind == EventKind.DETECTED]
+
+
+@pytest.mark.parametrize("noise", [1e-3, 6e-3], ids=["by one error", "by the mean of many"])
+def test_what_was_known_before_an_alarm_is_from_before_all_that_raised_it(noise: float) -> None:
+    """Samples of a window, and those that a mean is over, hold the change: estimates have learnt from them."""
+    identifier, known = windowed(), []
+    engine = identifier._regression
+    assert isinstance(engine, BankRegression)
+    for sample in zip(*held(0.0, noise), strict=True):
+        identifier.learn(*sample)
+        if identifier.alarms:
+            break
+        known.append(engine.state.mixed[0].copy())
+    before = engine.state.theta_before[0]
+    ago = next(k for k, one in enumerate(reversed(known), 1) if (one == before).all())
+    assert ago > INTERVALS + engine.settings.windows[-1]
+    assert before[4] == pytest.approx(8.0, rel=0.1)
 
 
 def test_a_loss_is_seen_through_a_window_as_soon_as_the_window_is_past_it() -> None:
