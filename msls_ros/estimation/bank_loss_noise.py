@@ -16,7 +16,10 @@ innovations, over B (Bartlett's weights: Newey and West). So these are remembere
 estimates hold nothing that is slow. B is found from how far v_i goes over a window of s samples
 (`observe_regressors`)::
 
-    B_i = 2 s sum v_i(t)^2 / sum (v_i(t) - v_i(t-s))^2
+    B_i = 2 s sum v_i(t)^2 / (sum (v_i(t) - v_i(t-s))^2 + 2 sum_s v_i(t)^2)
+
+The last sum is over the window that ends now: what is remembered ends there, and noise that is yet to be taken off
+again is in the change. For a regressor that has not moved, B is the memory.
 
 What swings at a frequency f has the B at which such sums have the spectrum of differenced noise at f, but for a factor
 near one. Regressors quicker than a window get the largest variance up to it. Correlations between the coordinates are
@@ -141,9 +144,12 @@ def find_whitening(s: BankSettings, x: BankState, a: int, q: int, n: float, mode
         work.whitening[i] = 1.0
         if s.straddle == 0 or s.differenced[q] == 0:
             continue
-        stays = math.inf
-        if motion[0, i] > 0.0:
-            stays = 2.0 * s.straddle * motion[1, i] / motion[0, i]
+        edge = 0.0
+        for k in range(x.whitened.shape[2]):
+            v = x.whitened[x.group[q], a, k, i]
+            edge += v * v
+        moved = motion[0, i] + 2.0 * edge
+        stays = 2.0 * s.straddle * motion[1, i] / moved if moved > 0.0 else math.inf
         own = noise_over(s, x, q, stays)
         if own > 0.0:
             work.whitening[i] = math.sqrt(n / (own + model))

@@ -30,7 +30,7 @@ larger of the two; a test of F in place of one of chi-square. What of the output
 that it has in what the member remembers: where dither is all that moves, that is little, and so is the error.
 
 Where derivatives are made in a window, each coordinate of ``R D`` has a noise of its own, and is divided by its
-deviation first (`bank_loss_noise`).
+deviation first (`bank_loss_noise`); for alarms so is what the older estimates did not know (`bank_loss_reference`).
 
 The innovations are the member's own: what its walking constant follows is no noise in its estimates. An estimate that
 has moved within a second before is no reference: the square of that is in its error.
@@ -49,6 +49,7 @@ import math
 
 from msls_ros.estimation.bank_effector_noise import resting_noise, slow_noise
 from msls_ros.estimation.bank_loss_noise import OUTLIER, find_whitening, observe_sums
+from msls_ros.estimation.bank_loss_reference import LEAST_LEFT, discount_reference, whiten
 from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
@@ -230,7 +231,8 @@ def compare_surfaces(
     known
         Largest relative standard error of an effect that counts [1].
     scattered
-        Whether what no loss explains of a row's change counts as noise, where it is more.
+        Whether what no loss explains of a row's change counts as noise, where it is more; and, through a window, what
+        of it may be errors of effects that were not known.
     work
         ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
@@ -270,13 +272,14 @@ def compare_surfaces(
             work.w[i] = total
         fitted = take_off_noise(s, x, before, q, m, work)
         find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
+        whiten(work)
+        taken = discount_reference(before, square, q, n, known, work) if scattered and s.straddle > 0 else 0.0
         changed = 0.0
         for i in range(1, p):
-            work.w[i] *= work.whitening[i]
             changed += work.w[i] * work.w[i]
         if scattered:
-            n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted, 1)))
-        excess += changed / n - 0.5 * (p - 1)
+            n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted - taken, 1.0)))
+        excess += changed / n - 0.5 * (p - 1 - taken)
         explain_by_states(s, n, work)
         for k in range(s.gains.shape[0]):
             compare_row(s, x, a, n, before, square, q, k, known, work)
@@ -315,11 +318,11 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
     for j in range(1, s.effectors_from + 1):
         size = 0.0
         along = 0.0
-        for i in range(1, j + 1):
-            step = work.factor[i, j] * work.whitening[i]
+        for i in range(1, w.shape[0]):
+            step = work.white_columns[j, i]
             size += step * step
             along += step * w[i]
-        if size > 0.0:
+        if size > LEAST_LEFT * work.white_columns[j, 0]:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
 
 
@@ -331,10 +334,10 @@ def most_by_surface(work: BankWork) -> float:
         along = 0.0
         size = 0.0
         for i in range(1, work.w.shape[0]):
-            step = work.steps[k, i] * work.whitening[i]
+            step = work.white_steps[k, i]
             size += step * step
             along += step * work.w[i]
-        if size > 0.0:
+        if size > LEAST_LEFT * work.white_steps[k, 0]:
             most = max(most, along * along / size)
     return most
 
@@ -365,10 +368,10 @@ def compare_row(
     size = 0.0
     along = 0.0
     for i in range(1, before.shape[1]):
-        step = work.steps[k, i] * work.whitening[i]
+        step = work.white_steps[k, i]
         size += step * step
         along += step * work.w[i]
-    part = size / work.steps[k, 0] if work.steps[k, 0] > 0.0 else 1.0
+    part = work.white_steps[k, 0] / work.steps[k, 0] if work.steps[k, 0] > 0.0 else 1.0
     noise = 0.0
     most = 0.0
     for j in range(s.gains.shape[1]):
@@ -376,7 +379,7 @@ def compare_row(
         noise += weighed * s.gains[k, j]
         most += s.gains[k, j] * count * slow_noise(s, x, j) * s.gains[k, j]
         along += weighed * before[q, first + j] * part
-    if work.steps[k, 0] <= most / (1.0 - MOTION):
+    if size <= part * most / (1.0 - MOTION) or size <= LEAST_LEFT * work.white_steps[k, 0]:
         return
     size -= noise * part
     work.against[q, k] = effect * along / n

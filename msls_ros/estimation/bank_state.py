@@ -562,6 +562,9 @@ class BankWork(NamedTuple):
     """(p,) by what its coordinates of a change are multiplied, for all to have the same noise [1]."""
     steps: Array
     """(k, p) the direction of each surface's loss in it, its squared length first."""
+    white_steps: Array
+    """(k, p) the same, and (p, p) the factor's columns as rows, where coordinates have the same noise."""
+    white_columns: Array
     noise_moves: Array
     """(p, p) by state, which way noise in it moves the estimates there, see `bank_noise_moves`."""
 
@@ -764,6 +767,8 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
             np.zeros((p, p)),
             np.ones(p),
             np.zeros((k, p)),
+            np.zeros((k, p)),
+            np.zeros((p, p)),
             np.zeros((p, p)),
         ),
     )

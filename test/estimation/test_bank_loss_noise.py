@@ -118,3 +118,25 @@ def test_what_is_held_and_what_swings_have_noise_of_their_own() -> None:
     sizes = [float(np.sqrt(np.mean(np.square(one)))) for one in off]
     print(sizes)
     assert all(0.5 < size < 1.3 for size in sizes)
+
+
+def test_a_regressor_that_stays_is_summed_over_the_memory_and_one_that_is_gone_over_longer() -> None:
+    """What is remembered ends now: there the noise that is yet to be taken off is in the change."""
+    engine = engine_of(windowed())
+    s, x, work = engine.settings, engine.state, engine._work
+    a = 0
+    memory = 1.0 / (1.0 - s.forgetting[s.loss_members[a]])
+    x.sums_taken[:] = BEGUN * 2**s.loss_sums
+    x.sum_squares[..., 1] = 1.0
+    x.sum_squares[:, :, 0] = 2.0 ** -np.arange(s.loss_sums)
+    x.motion[:, a, 1] = memory
+    row = int(np.flatnonzero(s.differenced)[0])
+
+    def noise(now: float) -> float:
+        x.whitened[:, a] = now
+        find_whitening(s, x, a, row, 1.0, 0.0, work)
+        return float(work.whitening[1] ** -2)
+
+    assert noise(1.0) == pytest.approx(noise_over(s, x, row, memory), rel=1e-9)
+    assert noise(0.0) == pytest.approx(noise_over(s, x, row, math.inf), rel=1e-9)
+    assert noise(1.0) > noise(0.5) > noise(0.0)
