@@ -43,7 +43,7 @@ def flown(kind: str, seed: int, alarms: set[int], allocation: str, frozen: bool)
         before = commands[k - 1] if k else np.zeros(M)
         held = min(dt, hold)
         share = (before + (share - before) * math.exp(-20.0 * held)) * math.exp(-20.0 * max(dt - held, 0.0))
-        one = Knowledge(knowledge.b[:1], knowledge.variance[:1], knowledge.excitation[:1], knowledge.alarm[k : k + 1])
+        one = Knowledge(*(part[:1] for part in knowledge))._replace(alarm=knowledge.alarm[k : k + 1])
         if frozen and 150 <= k < 200:
             block = dither.silence(time[k : k + 1])
         else:
