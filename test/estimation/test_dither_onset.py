@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from estimation.dither_bench import M, accelerations, aircraft, drive, known, law
+from estimation.dither_bench import M, accelerations, aircraft, at, drive, known, law
 
 from msls_ros.estimation.dither_onset import BEGIN, DURATION
 from msls_ros.estimation.kernel import Array
@@ -71,6 +71,5 @@ def test_it_is_the_same_sample_by_sample_and_in_one_block() -> None:
     whole = drive(law()[0], knowledge)
     dither, _ = law()
     for k in range(n):
-        one = type(knowledge)(*(part[k : k + 1] for part in knowledge))
-        block = dither.commands(np.array([k * STEP]), one, np.zeros((1, M)))
+        block = dither.commands(np.array([k * STEP]), at(knowledge, k), np.zeros((1, M)))
         assert (block.delta[0] == whole.delta[k]).all()
