@@ -51,6 +51,8 @@ class Knowledge(NamedTuple):
     """(n, m) least excitation of each column in any row [1]."""
     alarm: Integers
     """(n, r) 1 where an abrupt change was declared."""
+    output: Array
+    """(n, r, 1) what the rows' states do as measured, less what is known of it; NaN where that is not there."""
 
 
 class Comb(NamedTuple):

@@ -35,6 +35,7 @@ from msls_ros.estimation.dither_limits import (
     note_reached,
     settle,
 )
+from msls_ros.estimation.dither_onset import begin
 from msls_ros.estimation.dither_window import enter_window, hold_back, rest
 from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array, Integers
@@ -73,6 +74,15 @@ def relative_error(b: Array, variance: Array, rows: Integers, j: int) -> float:
             largest = abs(b[q, j])
             error = math.sqrt(variance[q, j]) / largest
     return error
+
+
+@compiled
+def all_known(law: Law, b: Array, variance: Array) -> bool:
+    """Whether every effector is known to `Law.known_error`."""
+    known = True
+    for j in range(b.shape[1]):
+        known = known and relative_error(b, variance, law.rows, j) < law.known_error
+    return known
 
 
 @compiled
@@ -201,6 +211,7 @@ def weigh_entries(
         least = START * law.cap_unreliable * x.limits[j, WEIGHT]
         if least > 0.0 and not square[j] * least * least < limit * limit:
             square[j] = max(limit * limit / (least * least), known - spread)
+        square[j] = max(square[j], x.seen[j])
         if not square[j] < LARGE:
             square[j] = LARGE
     return finite
@@ -257,9 +268,13 @@ def inject(
             scratch[3, :m],
             scratch[4, :3],
         )
+        held = min(dt, law.stale_after)
+        gain = 1.0
+        if law.enabled and not law.worst_case:
+            sure = all_known(law, known.b[k], known.variance[k])
+            gain = begin(law, x, sure, known.output[k], delta[k], held, three)
         finite = weigh_entries(law, x, known.b[k], known.variance[k], square, unsure, three)
         unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
-        held = min(dt, law.stale_after)
         factor = together = 1.0
         if unit > 0.0:
             together = enter_window(law, x, known.b[k], unsure, unit, time[k] - (dt - held), held, three)
@@ -276,6 +291,9 @@ def inject(
             continue
         unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], raised, held, caps)
         out.rms[k], binds = choose(law, x, known.b[k], aim * GRAVITY, square, caps)
+        out.rms[k] *= gain
+        for j in range(m):
+            x.wanted[j] *= gain
         lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
         if unit > 0.0:
             factor = fill(x, unit * wanted_square(x, square))

@@ -81,6 +81,12 @@ class Effectors(NamedTuple):
     clock: Array
     """(8,) time of the last sample, end of the boost, boost left [s]; interval [ns]; slot of the window; last share;
     longest interval of late [s]; since when the dither is nominal [s]."""
+    onset: Array
+    """(5,) see `dither_onset`."""
+    seen: Array
+    """(m,) squares of the effects at the station that are seen at first [m^2/s^4/rad^2]."""
+    moments: Array
+    """(m + 1, 5) of deflections and accelerations, see there."""
     window: Array
     """(BUCKETS,) acceleration squared over its limit squared, times time [s]."""
 
@@ -106,6 +112,9 @@ def make_effectors(limits: Array, boost: float) -> Effectors:
         relief=relief,
         wanted=np.zeros(m),
         clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0, 0.0, math.inf]),
+        onset=np.zeros(5),
+        seen=np.zeros(m),
+        moments=np.zeros((m + 1, 5)),
         window=np.zeros(BUCKETS),
     )
 

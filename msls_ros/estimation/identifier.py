@@ -498,7 +498,9 @@ class Identifier:
             out, place = self._newest
             k = slice(place, place + 1)
             quiet = np.zeros_like(out.alarm[k])
-            block = self._law.commands(time, Knowledge(out.b[k], out.b_variance[k], out.excitation[k], quiet), delta)
+            nothing = np.full((len(time), quiet.shape[1], 1), np.nan)
+            known = Knowledge(out.b[k], out.b_variance[k], out.excitation[k], quiet, nothing)
+            block = self._law.commands(time, known, delta)
         else:
             block = self._law.silence(time, NOT_FLYING)
         self._dither = block.at(-1)
@@ -549,8 +551,14 @@ class Identifier:
         self._newest = out, stop - 1
         self._learnt_x, self._held_x = x[stop - 1].copy(), None
         self._signals.append((out.e[part], out.statistic[part]))
-        effects = Knowledge(out.b[answered], out.b_variance[answered], out.excitation[answered], out.alarm[answered])
-        block = self._law.commands(answered_time, effects, answered_delta)
+        known = Knowledge(
+            out.b[answered],
+            out.b_variance[answered],
+            out.excitation[answered],
+            out.alarm[answered],
+            y[answered, :, None],
+        )
+        block = self._law.commands(answered_time, known, answered_delta)
         self._dither = block.at(-1)
         return block, self._with_known(out.followed[answered], x[answered])
 

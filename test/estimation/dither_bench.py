@@ -37,7 +37,14 @@ def known(n: int, b: Array, std: float = 0.0, excitation: float = 1.0, alarms: t
     with np.errstate(all="ignore"):
         square = np.square(std * b)
     variance = square if math.isfinite(std) else np.full(b.shape, math.inf)
-    return Knowledge(np.tile(b, (n, 1, 1)), np.tile(variance, (n, 1, 1)), np.full((n, m), excitation), alarm)
+    nothing = np.full((n, b.shape[0], 1), math.nan)
+    return Knowledge(np.tile(b, (n, 1, 1)), np.tile(variance, (n, 1, 1)), np.full((n, m), excitation), alarm, nothing)
+
+
+def at(knowledge: Knowledge, k: int) -> Knowledge:
+    """Return what is known at sample k alone."""
+    x, one = knowledge, slice(k, k + 1)
+    return Knowledge(x.b[one], x.variance[one], x.excitation[one], x.alarm[one], x.output[one])
 
 
 def clock(n: int, step: float = 0.02) -> Array:

@@ -10,6 +10,7 @@ from estimation.dither_bench import (
     M,
     accelerations,
     aircraft,
+    at,
     clock,
     drive,
     known,
@@ -21,7 +22,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import Level
-from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import CREST
@@ -43,7 +43,7 @@ def flown(kind: str, seed: int, alarms: set[int], allocation: str, frozen: bool)
         before = commands[k - 1] if k else np.zeros(M)
         held = min(dt, hold)
         share = (before + (share - before) * math.exp(-20.0 * held)) * math.exp(-20.0 * max(dt - held, 0.0))
-        one = Knowledge(knowledge.b[:1], knowledge.variance[:1], knowledge.excitation[:1], knowledge.alarm[k : k + 1])
+        one = at(knowledge, k)
         if frozen and 150 <= k < 200:
             block = dither.silence(time[k : k + 1])
         else:
