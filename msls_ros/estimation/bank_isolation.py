@@ -5,8 +5,9 @@ say of its loss since the alarm is what `bank_losses.compare_surfaces` finds in 
 second and a half, against what was known before the alarm.
 
 A name is given only where it stands: it explains most, and more than any other surface and than a state in each row
-would; something practically changed; and it is the same for a while, in which what is left no longer moves. How far it
-moved then is part of its error. That is a sequential decision: it speaks when it is sure, not at a set time.
+would; the rows that did not alarm do not deny it (`bank_unalarmed`); something practically changed; and it is the same
+for a while, in which what is left no longer moves. How far it moved then is part of its error. That is a sequential
+decision: it speaks when it is sure, not at a set time.
 
 Rows that an alarm has begun anew know nothing of before. Rows that go on, for noise hid the change or it came slowly,
 lag behind what still moves by as much as the member remembers. There a name must stand for longer, `SLOW`, and its

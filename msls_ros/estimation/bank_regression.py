@@ -16,6 +16,7 @@ from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.bank_speed import SLOWEST, fill_values, power_of, ratio_of, speed_of
 from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
+from msls_ros.estimation.bank_unalarmed import Alarm, is_denied, keep_alarm
 from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member
 from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
@@ -55,6 +56,7 @@ class BankRegression:
         """Forget everything."""
         clear_bank(self.settings, self.state)
         self.noise[:] = 0.0
+        self._alarm: Alarm | None = None
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; what has been learnt stays."""
@@ -274,6 +276,22 @@ class BankRegression:
             float(work.by_state[0]),
             excess,
         )
+
+    def mark(self, watched: bool) -> None:
+        """Keep what is known at an alarm, of which the rows that go on are asked later.
+
+        Parameters
+        ----------
+        watched
+            Whether an alarm before it is not yet named.
+        """
+        self._alarm = keep_alarm(self.settings, self.state, self._work, self._alarm if watched else None)
+
+    def denies(self, rows: Sequence[int], surface: int, change: float) -> bool:
+        """Whether the rows but these, which alarmed, exclude that a surface's effect has changed by that share."""
+        if self._alarm is None:
+            return False
+        return is_denied(self.settings, self.state, self._work, self._alarm, rows, surface, change)
 
     def _covariance(self, R: Array, member: int, variance: float) -> Array:
         p = self.theta.shape[1]

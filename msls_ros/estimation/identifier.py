@@ -544,7 +544,7 @@ class Identifier:
                 self._passed = 0
                 self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
             if any(alarm.tolist()):
-                self._events.append(self._supervisor.alarm(now, self._statistic, alarm))
+                self._events.append(self._supervisor.alarm(now, self._statistic, alarm, self._regression))
             if self._supervisor.watching:
                 self._events += self._supervisor.follow(now, self._regression)
         self._error = out.e[stop - 1]

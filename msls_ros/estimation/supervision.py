@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank_isolation import SLOW, Decision, find_name
+from msls_ros.estimation.bank_isolation import SLOW, Decision, Name, find_name
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_settings import LOSSES, THRESHOLD
 from msls_ros.estimation.configuration import Configuration
@@ -68,7 +68,7 @@ class Supervisor:
         """Return the published statistic: eq 19 subtracts the mean, the loop's short/long does not; 0: not armed."""
         return np.where(raw > 0.0, raw - self._offset, 0.0) if self._offset else np.fmax(raw, 0.0)
 
-    def alarm(self, time: float, statistic: Array, alarm: Integers) -> FaultEvent:
+    def alarm(self, time: float, statistic: Array, alarm: Integers, regression: Engine) -> FaultEvent:
         """Return the event of an alarm and watch its rows.
 
         Parameters
@@ -77,8 +77,12 @@ class Supervisor:
             Of the sample [s].
         statistic, alarm
             (r,) of the sample.
+        regression
+            What alarmed.
         """
         self.alarms += 1
+        if isinstance(regression, BankRegression):
+            regression.mark(bool(self._isolating))
         found = [q for q in range(len(alarm)) if alarm[q]]
         for q in found:
             self._isolating.setdefault(q, time)
@@ -134,12 +138,11 @@ class Supervisor:
         limits = self._c.isolation
         least = (limits.least_samples - 0.5) / self._c.sample_rate
         found = [q for q, since in sorted(self._isolating.items()) if time - since >= least]
-        losses = regression.losses(found) if found and isinstance(regression, BankRegression) else None
+        candidate = self._candidate(found, regression) if found and isinstance(regression, BankRegression) else None
         begun = self._begun(time, regression)
-        found_name = find_name(losses, self._surfaces, limits) if losses else None
-        name = self._decision.take(found_name, len(begun) == len(self._isolating))
+        name = self._decision.take(candidate, len(begun) == len(self._isolating))
         if name is not None and isinstance(regression, BankRegression):
-            surface, since = [one.name for one in self._surfaces].index(name.surface), min(self._isolating.values())
+            surface, since = self._index_of(name), min(self._isolating.values())
             regression.restore(begun, surface)
             regression.spread(sorted(self._isolating), surface, name.left - 1.0, name.error, time - since)
         for q, since in sorted(self._isolating.items()):
@@ -157,6 +160,17 @@ class Supervisor:
         )
         of = (name.statistic,), (limits.significance,)
         return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
+
+    def _candidate(self, rows: list[int], regression: BankRegression) -> Name | None:
+        """Return the surface that explains what changed in rows that alarmed, if the others do not deny it."""
+        name = find_name(regression.losses(rows), self._surfaces, self._c.isolation)
+        if name is None or regression.denies(rows, self._index_of(name), name.left - 1.0):
+            return None
+        return name
+
+    def _index_of(self, name: Name) -> int:
+        """Return which surface is named."""
+        return [one.name for one in self._surfaces].index(name.surface)
 
     def _begun(self, time: float, regression: Engine) -> list[int]:
         """Return the rows that are watched and have begun anew since their alarm."""
