@@ -12,6 +12,9 @@ loss that it holds, the part ::
 has come in the time t since the last alarm. Of a change d it shows f d, so d is denied where ``c - 2 s > f d / 2``.
 What makes effects of one surface unlike in s (`bank_losses.TOLERANCE`) is a part of what has come since, too.
 
+They are asked only where they held more of the effect than the rows that alarmed, by its square over their noise:
+a roll moment that is lost is not denied by a little yaw that remains.
+
 References
 ----------
 Basseville and Nikiforov, *Detection of Abrupt Changes*, 1993, chapter 7.
@@ -25,7 +28,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.bank_losses import KNOWN_WELL, TOLERANCE, compare_surfaces, find_directions
+from msls_ros.estimation.bank_losses import (
+    KNOWN_WELL,
+    TOLERANCE,
+    compare_surfaces,
+    effect_of,
+    find_directions,
+    noise_of,
+)
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
 from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array
@@ -74,6 +84,13 @@ def loss_information(s: BankSettings, x: BankState, work: BankWork) -> Array:
     return found
 
 
+def effect_size(s: BankSettings, x: BankState, alarm: Alarm, q: int, surface: int) -> float:
+    """Square of what a surface did in row q before the alarm, over the row's noise [1/rad^2]."""
+    noise = noise_of(s, x, q, QUICK)
+    effect = effect_of(s, alarm.before[q], surface)
+    return effect * effect / noise if noise > 0.0 else 0.0
+
+
 def is_denied(
     s: BankSettings, x: BankState, work: BankWork, alarm: Alarm, rows: Sequence[int], surface: int, change: float
 ) -> bool:
@@ -91,9 +108,16 @@ def is_denied(
         Which, and the change of its effect as a share of it, negative for a loss [1].
     """
     work.concerned[:] = 0
+    alarmed = others = 0.0
     for q in range(len(x.group)):
-        if q not in rows and x.pending[q] == 0 and x.waiting[x.group[q]] == 0:
+        size = effect_size(s, x, alarm, q, surface)
+        if q in rows:
+            alarmed += size
+        elif x.pending[q] == 0 and x.waiting[x.group[q]] == 0:
             work.concerned[q] = 1
+            others += size
+    if others <= alarmed:
+        return False
     compare_surfaces(s, x, QUICK, alarm.before, alarm.square, KNOWN_WELL, False, work)
     found, variance = float(work.change[surface]), float(work.variance[surface])
     weight = work.information[:, surface].copy()

@@ -17,14 +17,17 @@ NOISE = 0.02
 
 
 def struck(seed: int, left: tuple[float, float], quiet: float = NOISE, n: int = 450) -> Flight:
-    """Return a flight in which an effector keeps these shares of its effects on P and on R; noise of R's equation."""
+    """Return a flight in which an effector keeps these shares of its effects on P and on R; noise of R's equation.
+
+    Without noise R holds more of it: nearly nothing else moves R, and model error goes with all that does.
+    """
     x, delta = 0.25 * uniform(n, 3, seed), 0.125 * uniform(n, 2, seed + 1)
     xdot = uniform(n, 3, seed + 2) * np.array([NOISE, NOISE, quiet])
     share = np.ones((n, 2))
     share[FAULT:] = left
-    xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * share[:, 0] * delta[:, 0]
+    xdot[:, 0] += -2.0 * x[:, 0] + 8.0 * share[:, 0] * delta[:, 0] + 8.0 * delta[:, 1]
     xdot[:, 1] += -1.0 * x[:, 1] - 4.0 * delta[:, 1]
-    xdot[:, 2] += -0.5 * x[:, 2] + 0.25 * share[:, 1] * delta[:, 0]
+    xdot[:, 2] += -0.1 * x[:, 2] + share[:, 1] * delta[:, 0]
     return PERIOD * np.arange(n, dtype=np.float64), x, xdot, delta
 
 
@@ -47,13 +50,14 @@ def test_what_all_rows_have_lost_is_named(seed: int, left: float) -> None:
 
 
 @pytest.mark.parametrize("seed", [300, 310, 320, 330])
-def test_a_row_that_does_not_know_the_effect_denies_nothing(seed: int) -> None:
-    assert names_in(struck(seed, (0.4, 1.0), quiet=0.5))[0] == ["da"]
+@pytest.mark.parametrize("quiet", [0.1, 0.5])
+def test_a_row_that_holds_little_of_the_effect_denies_nothing(seed: int, quiet: float) -> None:
+    assert names_in(struck(seed, (0.4, 1.0), quiet=quiet))[0] == ["da"]
 
 
 def test_nothing_is_denied_before_the_other_rows_have_seen_enough_since() -> None:
     identifier = Identifier(from_mapping(SMALL))
-    time, x, xdot, delta = struck(300, (1.0, 1.0))
+    time, x, xdot, delta = struck(300, (1.0, 1.0), quiet=0.001)
     identifier.run(time[:240], x[:240], xdot[:240], delta[:240])
     engine = engine_of(identifier)
     s, state, work = engine.settings, engine.state, engine._work
