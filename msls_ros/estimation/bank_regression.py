@@ -129,11 +129,11 @@ class BankRegression:
         s, found = self.settings, np.array(theta)
         velocities = s.velocities - 1
         for row in found:
-            others = sum(
+            others = math.fsum(
                 float(s.exponent[i + 1] * row[i] * seen[i]) for i in range(len(seen) - 1) if i not in velocities
             )
-            total = 0.5 * (sum(float(row[i] * seen[i]) for i in velocities) + others)
-            square = max(sum(float(seen[i]) ** 2 for i in velocities), 1e-12)
+            total = 0.5 * (math.fsum(float(row[i] * seen[i]) for i in velocities) + others)
+            square = max(math.fsum(float(seen[i]) ** 2 for i in velocities), 1e-12)
             row[-1] += total
             for i in velocities:
                 row[i] -= float(seen[i]) / square * total

@@ -37,7 +37,6 @@ from msls_ros.estimation.bank_losses import (
     noise_of,
 )
 from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
-from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array
 
 DENIED = 0.5
@@ -123,9 +122,9 @@ def is_denied(
     weight = work.information[:, surface].copy()
     if not weight.any():
         return False
-    fade = exponential((int(x.samples[0]) - alarm.samples) * logarithm(float(s.forgetting[s.loss_members[QUICK]])))
+    fade = math.prod([float(s.forgetting[s.loss_members[QUICK]])] * (int(x.samples[0]) - alarm.samples))
     now = loss_information(s, x, work)[:, surface]
     older = np.minimum(fade * alarm.information[:, surface] / np.where(now > 0.0, now, math.inf), 1.0)
-    since = 1.0 - sum((weight * older).tolist()) / sum(weight.tolist())
+    since = 1.0 - math.fsum((weight * older).tolist()) / math.fsum(weight.tolist())
     error = math.sqrt(max(variance - TOLERANCE * TOLERANCE, 0.0) + (TOLERANCE * since) ** 2)
     return bool(since >= LEAST_SINCE and found - CERTAIN * error > DENIED * since * change)

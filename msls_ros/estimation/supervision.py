@@ -204,8 +204,9 @@ class Supervisor:
     def _isolated(self, time: float, column: int, named: list[tuple[int, Suspect]]) -> FaultEvent:
         """Return the event for one column, its effectiveness averaged over the rows that name it."""
         weights = [1.0 / max(s.effectiveness_std, 1e-12) ** 2 for _, s in named]
-        effectiveness = sum(w * s.effectiveness for w, (_, s) in zip(weights, named, strict=True)) / sum(weights)
-        error = 1.0 / math.sqrt(sum(weights))
+        total = math.fsum(weights)
+        effectiveness = math.fsum(w * s.effectiveness for w, (_, s) in zip(weights, named, strict=True)) / total
+        error = 1.0 / math.sqrt(total)
         name = self._c.regressors[column]
         rows = tuple(self._c.rows[q] for q, _ in named)
         kind = "effector" if name in self._c.effectors else "state"

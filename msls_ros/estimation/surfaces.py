@@ -8,6 +8,7 @@ surface as a sum of effectors, M (surfaces, effectors). A row b of B is then the
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from operator import mul
@@ -55,13 +56,13 @@ def read_surfaces(text: str, effectors: tuple[str, ...]) -> tuple[Surface, ...]:
             raise EstimationError(message)
         names.append(name)
         rows.append(_read_terms(terms, effectors))
-    inverse = _inverse([[sum(map(mul, one, other)) for other in rows] for one in rows])
+    inverse = _inverse([[math.fsum(map(mul, one, other)) for other in rows] for one in rows])
     if len(set(names)) < len(names) or inverse is None:
         message = (
             f"isolation.surfaces: {', '.join(names)}; expected surfaces that differ, each moved in a way of its own"
         )
         raise EstimationError(message)
-    shares = [[sum(map(mul, column, line)) for column in zip(*rows, strict=True)] for line in inverse]
+    shares = [[math.fsum(map(mul, column, line)) for column in zip(*rows, strict=True)] for line in inverse]
     return tuple(Surface(name, tuple(row), tuple(of)) for name, row, of in zip(names, rows, shares, strict=True))
 
 

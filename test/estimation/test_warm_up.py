@@ -42,12 +42,17 @@ def flight(configuration: Configuration) -> tuple[Any, Any, Any, Any]:
 @pytest.mark.skipif(not room.HAVE_NUMBA, reason="nothing is compiled without numba")
 @pytest.mark.parametrize("method", ["", "bank", "rls"])
 @pytest.mark.parametrize("profile", PROFILES)
-def test_no_update_after_the_warm_up_compiles_anything(profile: str, method: str) -> None:
+def test_no_update_after_the_warm_up_compiles_anything(
+    profile: str, method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     configuration = read_profile(profile)
     if method:
         configuration = configuration.replace({"estimator.method": method})
-    warm_up(configuration.estimator.method)
-    before = count_compiled()
+    called: set[str] = set()
+    for entry in ("__call__", "version"):
+        monkeypatch.setattr(room.Kernel, entry, _noting(called, getattr(room.Kernel, entry)))
+    warm_up.__wrapped__(configuration.estimator.method)
+    before, warmed = count_compiled(), frozenset(called)
     identifier = Identifier(configuration)
     t, x, xdot, delta = flight(configuration)
     events = [
@@ -64,6 +69,7 @@ def test_no_update_after_the_warm_up_compiles_anything(profile: str, method: str
     identifier.warm_start(np.zeros((9, 9)), b, np.zeros(9), identifier.covariance)
     identifier.update(0.0, x[0], xdot[0], delta[0])
     assert count_compiled() == before
+    assert called == warmed, "also where another test has compiled it already"
 
 
 @pytest.mark.skipif(not room.HAVE_NUMBA, reason="nothing is compiled without numba")
@@ -102,6 +108,16 @@ def test_kernels_of_old_versions_make_room_for_a_new_one(monkeypatch: pytest.Mon
     (new,) = {one for one in other.parent.iterdir() if one not in (*old, other)}
     assert {one for one in old if one.exists()} == set(old[: room.VERSIONS - 1])
     assert other.exists() and any(new.iterdir())
+
+
+def _noting(called: set[str], method: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a method of a kernel that notes the kernel's name."""
+
+    def noted(kernel: Any, *arguments: Any) -> Any:
+        called.add(kernel.__name__)
+        return method(kernel, *arguments)
+
+    return noted
 
 
 def _kernel(clone: Path, factor: str) -> Callable[[float], float]:
