@@ -277,7 +277,9 @@ def inject(
         unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
         factor = together = 1.0
         if unit > 0.0:
-            together = enter_window(law, x, known.b[k], unsure, unit, time[k] - (dt - held), held, three)
+            together = enter_window(
+                law, x, known.b[k], known.variance[k], unsure, unit, time[k] - (dt - held), held, three
+            )
         if dt > law.stale_after or not law.enabled:
             rest(law, x, time[k] - (dt - held), dt - held)
             out.level[k] = 3 if law.enabled else 0

@@ -74,13 +74,16 @@ class Effectors(NamedTuple):
     """(m, 2) mean squares that the surface reached, and that were wanted [rad^2]."""
     together: Array
     """(2,) mean square of the acceleration by all surfaces, and the sum of their own mean squares [m^2/s^4]."""
+    squares: Array
+    """(m,) mean squares of the surfaces, over the same time [rad^2]."""
     relief: Array
     """(m,) part of its share that an effector needs, 1 at most (`dither.target_error`)."""
     wanted: Array
     """(m,) rms wanted at the surface now [rad]."""
     clock: Array
-    """(8,) time of the last sample, end of the boost, boost left [s]; interval [ns]; slot of the window; last share;
-    longest interval of late [s]; since when the dither is nominal [s]."""
+    """(9,) time of the last sample, end of the boost, boost left [s]; interval [ns]; slot of the window; last share;
+    longest interval of late [s]; since when the dither is nominal [s];
+    what the window holds over what was entered [1]."""
     onset: Array
     """(5,) see `dither_onset`."""
     seen: Array
@@ -91,7 +94,7 @@ class Effectors(NamedTuple):
     """(BUCKETS,) acceleration squared over its limit squared, times time [s]."""
 
 
-LAST, BOOST_END, BOOST_LEFT, INTERVAL, SLOT, SHARE, LONGEST, SINCE = range(8)
+LAST, BOOST_END, BOOST_LEFT, INTERVAL, SLOT, SHARE, LONGEST, SINCE, GROWN = range(9)
 FADING = 0.99
 """Per sample, of the longest interval: after a hundred samples it is that of the samples since."""
 
@@ -109,9 +112,10 @@ def make_effectors(limits: Array, boost: float) -> Effectors:
         pole=np.zeros((m, 3)),
         reached=np.zeros((m, 2)),
         together=np.zeros(2),
+        squares=np.zeros(m),
         relief=relief,
         wanted=np.zeros(m),
-        clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0, 0.0, math.inf]),
+        clock=np.array([-math.inf, -math.inf, boost, -1.0, 0.0, 0.0, 0.0, math.inf, 1.0]),
         onset=np.zeros(5),
         seen=np.zeros(m),
         moments=np.zeros((m + 1, 5)),
@@ -249,7 +253,7 @@ def left_of_window(x: Effectors, ahead: float, most: float) -> float:
     slot, total = x.clock[SLOT], 0.0
     for i in range(int(BUCKETS * (1.0 - min(ahead / WINDOW, 1.0)))):
         total += x.window[int((slot - i) % BUCKETS)]
-    return max(most * most * WINDOW - total, 0.0)
+    return float(max(most * most * WINDOW - x.clock[GROWN] * total, 0.0))
 
 
 @compiled

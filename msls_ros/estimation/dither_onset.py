@@ -31,9 +31,9 @@ AIM = 0.75
 
 By B-hat nothing holds back yet what sequences add by chance. Twenty-three aircraft with the sensors of flight test at
 25, 50 and 100 Hz, the first 6 s, 207 flights (860 to 862): in 74 some second was felt as more than 1.1 of the limit,
-2.3 at worst; with this, 32 and 1.8; with .9 (and .4 s less to chance, 1.2 s long) 53 and 2.0. F-16, error before the
-loss at low and medium noise (100 to 109): none of this .91 and 6.5 %, with it .90 and 11; with one factor for all
-effectors in place of a square for each 1.1 and 11, in as many flights over the limit.
+2.3 at worst; with this, 32 and 1.8 (17 since `dither_window.grown`); with .9 (and .4 s less to chance, 1.2 s long) 53
+and 2.0. F-16, error before the loss at low and medium noise (100 to 109): none of this .91 and 6.5 %, with it .90 and
+11; with one factor for all effectors in place of a square for each 1.1 and 11, in as many flights over the limit.
 """
 SLOW, MEMORY = 0.1, 0.3
 """Memory of the means that are taken off, and of the sums [s]."""

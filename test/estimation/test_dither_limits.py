@@ -166,3 +166,29 @@ def test_where_b_errs_the_window_leaves_room_for_two_of_its_standard_errors() ->
     above = largest > 1.1
     assert largest[0].max() <= 1.2 and above[0].sum() < above[1].sum()
     assert np.median(felt[0]) > 0.8
+
+
+def test_what_was_let_through_by_a_b_hat_that_was_too_small_is_held_back_from_the_rest_of_the_second() -> None:
+    """B-hat is .6 of B for two seconds, as after a start; then it is B."""
+    n, largest = 200, []
+    for seed in range(8):
+        b = aircraft(seed)
+        dither, c = law(seed=seed)
+        shrunk = known(n, b)
+        shrunk.b[:100] *= 0.6
+        shares, _, _ = true_surfaces(clock(n), drive(dither, shrunk).delta, 20.0, 1.0)
+        g = np.linalg.norm(accelerations(b, shares, c), axis=1) / GRAVITY / c.dither.limit_nominal
+        seconds = np.sqrt(np.convolve(g * g, np.full(50, 0.02), "valid"))
+        assert seconds[:51].max() > 1.4, "what nobody knows nobody can hold back"
+        largest.append(seconds[85:].max())
+    assert max(largest) < 1.1, "three tenths of the window are of before; as entered it would be 1.2"
+
+
+def test_b_hat_that_grows_without_bound_leaves_the_dither_finite() -> None:
+    b = aircraft()
+    dither, _ = law()
+    growing = known(300, b)
+    growing.b[:100] *= 1e-160
+    growing.b[200:] *= 1e11
+    commands = drive(dither, growing).delta
+    assert np.isfinite(commands).all()
