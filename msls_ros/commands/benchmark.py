@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
+from msls_ros.commands.compiling import compile_once
 from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.plant import NOISE_LEVELS
 
@@ -114,6 +115,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     measures = {"kernel": _kernel, "stress": _stress, "replay": _replay, "campaign": _campaign}
     measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     measures |= {"accuracy": _accuracy, "linear": _linear}
+    compile_once("bank", "msls", "rls")
     result = measures[arguments.command](arguments)
     if result is None:
         return 1

@@ -19,6 +19,7 @@ from msls_ros.campaigns.plan import PlanError, comparison, explain, name_of, noi
 from msls_ros.campaigns.store import SUMMARY, TABLE, Store, StoreError, csv_of
 from msls_ros.campaigns.table import render, summarise
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count, seed
+from msls_ros.commands.compiling import compile_once
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import FleetError, run
@@ -120,6 +121,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         for note in store.notes:
             print(f"campaign: {note}", file=sys.stderr)
         try:
+            compile_once("bank", "msls", "rls")
             rows, lost = _fly(tasks, store, arguments, interrupted)
             return _conclude(cells, tasks, rows, lost, store, arguments)
         except OSError as error:

@@ -17,7 +17,8 @@ from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import check_replaceable
 from msls_ros.commands.arguments import OneLineParser, seed
-from msls_ros.commands.demo_end import prepare, write_page
+from msls_ros.commands.compiling import compile_once
+from msls_ros.commands.demo_end import write_page
 from msls_ros.commands.law_demo import show_law
 from msls_ros.commands.progress import Progress
 from msls_ros.commands.report import default_folder, remove_report
@@ -115,7 +116,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
     """Fly, compare, draw; write ``summary.json`` into ``out`` and return what it holds."""
     set_logger_level("rcl", LoggingSeverity.ERROR)
     configuration = scenario.configuration(noise, seed, dither)
-    prepare(configuration)
+    compile_once(configuration.estimator.method)
     with Progress(f"flying {scenario.name}", scenario.duration, "s") as progress:
         record = fly(
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser
+from msls_ros.commands.compiling import compile_once
 from msls_ros.commands.progress import Progress
 from msls_ros.paper.claims import Claim, figures_of, judge_claims
 from msls_ros.paper.flight_claims import (
@@ -151,6 +152,7 @@ def run(options: argparse.Namespace) -> Outcome:
     options
         Of `parse`.
     """
+    compile_once("bank", "msls", "rls")
     steps, count = 0, flights_of(options.seeds)
     total = STEPS + count_flights(count)
     with Progress("paper", total, "steps") as progress:

@@ -16,6 +16,7 @@ from typing import Any
 
 from msls_ros.bags import HELD, BagError, open_any
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count, print_text
+from msls_ros.commands.compiling import DEFAULT, compile_once
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import Done, FleetError, run
@@ -101,6 +102,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     results: dict[int, dict[str, Any]] = {}
     missing = ""
     try:
+        compile_once(DEFAULT)
         for done in _ends(jobs, arguments, alone):
             results[done.index] = done.result or {"bag": str(jobs[done.index].bag), "error": done.error}
             if alone:

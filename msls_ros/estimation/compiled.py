@@ -231,6 +231,14 @@ def _cache_folder(room: Path) -> Path:
     return Path(base) / "msls_ros" / f"{room.name}-{digest.hexdigest()[:16]}"
 
 
+def kept_note(name: str) -> Path | None:
+    """Return the place of a note beside the kernels of this room; None where there is no folder for them."""
+    try:
+        return _cache_folder(Path(__file__).parent) / name
+    except RuntimeError:  # no home
+        return None
+
+
 def warn_if_interpreted(regressors: int, rows: int, colours: int) -> None:
     """Say once, where numba is missing, what sample rate the interpreted kernels hold.
 

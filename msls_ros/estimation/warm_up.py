@@ -3,17 +3,24 @@
 Kernels are compiled by the types of their arguments, which no parameter changes. So a small made-up aircraft is flown
 through all that can happen (samples one by one and in blocks, an alarm, isolation, recovery, gusts, a warm start), with
 the estimator that is asked for, and after it nothing is left to compile for any other aircraft.
+
+Once on a machine this takes minutes, then it is kept: who waits is told how long by `warm_up`, and beforehand by
+`is_kept` that there will be something to wait for.
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import sys
+import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from msls_ros.estimation.compiled import KERNELS
+from msls_ros.estimation.compiled import HAVE_NUMBA, KERNELS, kept_note
 from msls_ros.estimation.configuration import Configuration, from_mapping
 from msls_ros.estimation.identifier import Identifier
 from msls_ros.estimation.kernel import Array
@@ -21,26 +28,59 @@ from msls_ros.estimation.kernel import Array
 SAMPLES = 260
 CHANGE = 120
 """Sample at which the aircraft is damaged."""
+EVERY = 30.0
+"""Between two reports of how long it takes [s]."""
 
 
-@functools.cache
-def warm_up(method: str) -> float:
+def warm_up(method: str, say: Callable[[float], None] | None = None) -> float:
     """Compile what is not compiled yet, once per process and estimator.
 
     Parameters
     ----------
     method
         Of the estimator: bank, msls or rls.
+    say
+        Called with the time so far [s] every `EVERY` s, from another thread.
 
     Returns
     -------
     float
         How long it took, then [s].
     """
+    start, done = time.perf_counter(), threading.Event()
+
+    def report() -> None:
+        while say is not None and not done.wait(EVERY):
+            say(time.perf_counter() - start)
+
+    thread = threading.Thread(target=report, daemon=True)
+    thread.start()
+    try:
+        return compile_all(method)
+    finally:
+        done.set()
+        thread.join()
+
+
+@functools.cache
+def compile_all(method: str) -> float:
+    """Fly through all that can happen with an estimator; see `warm_up`."""
     start = time.perf_counter()
     for coloured in (True, False) if method == "msls" else (True,):
         _fly(_configuration(method, coloured))
+    if (note := kept_note(_note(method))) is not None:
+        with contextlib.suppress(OSError):
+            note.touch()
     return time.perf_counter() - start
+
+
+def is_kept(method: str) -> bool:
+    """Whether a warm-up of this estimator was completed on this machine: then kernels are loaded, not compiled."""
+    return not HAVE_NUMBA or ((note := kept_note(_note(method))) is not None and note.exists())
+
+
+def _note(method: str) -> str:
+    return f"complete-{method}-{sys.implementation.cache_tag}"
 
 
 def count_compiled() -> int:

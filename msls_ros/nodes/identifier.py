@@ -18,7 +18,7 @@ from std_srvs.srv import SetBool, Trigger
 
 from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, Identifier, Level
 from msls_ros.estimation.compiled import HAVE_NUMBA
-from msls_ros.estimation.warm_up import warm_up
+from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
@@ -203,7 +203,11 @@ class IdentifierNode(LifecycleNode):
 
     def _build(self, configuration: Configuration) -> Identifier:
         """Make identifier and gate, return the first, and compile every kernel before the first sample comes."""
-        took = warm_up(configuration.estimator.method)
+        if not is_kept(configuration.estimator.method):
+            self.get_logger().info("compiling the estimator, once on this machine: one to eight minutes")
+        took = warm_up(
+            configuration.estimator.method, lambda seconds: self.get_logger().info(f"compiling: {seconds:.0f} s")
+        )
         if took > COMPILING and HAVE_NUMBA:
             self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
         self._synchronizer = Synchronizer.of(configuration, lambda refused: self._refusals.take(refused))

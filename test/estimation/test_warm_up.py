@@ -14,7 +14,7 @@ import pytest
 
 from msls_ros.estimation import Configuration, EventKind, Identifier
 from msls_ros.estimation import compiled as room
-from msls_ros.estimation.warm_up import count_compiled, warm_up
+from msls_ros.estimation.warm_up import compile_all, count_compiled
 from msls_ros.inputs.profiles import config_folder, read_profile
 
 PROFILES = sorted(path.stem for path in config_folder().glob("*.yaml"))
@@ -51,7 +51,7 @@ def test_no_update_after_the_warm_up_compiles_anything(
     called: set[str] = set()
     for entry in ("__call__", "version"):
         monkeypatch.setattr(room.Kernel, entry, _noting(called, getattr(room.Kernel, entry)))
-    warm_up.__wrapped__(configuration.estimator.method)
+    compile_all.__wrapped__(configuration.estimator.method)
     before, warmed = count_compiled(), frozenset(called)
     identifier = Identifier(configuration)
     t, x, xdot, delta = flight(configuration)
