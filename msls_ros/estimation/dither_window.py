@@ -73,7 +73,8 @@ def grown(law: Law, x: Effectors, b: Array, variance: Array, scratch: Array) -> 
     total = 0.0
     for j in range(x.surface.shape[0]):
         known = felt_square(b, law.rows, law.station, j, scratch) - uncertain_square(variance, law.rows, law.station, j)
-        total += max(known, 0.0) * x.squares[j]
+        if known > 0.0:  # not where its variance is no number
+            total += known * x.squares[j]
     return float(min(max(total / x.together[1], 1.0), MOST_GROWN)) if x.together[1] > 0.0 else 1.0
 
 
