@@ -7,6 +7,7 @@ import sys
 from msls_ros.estimation.warm_up import is_kept, warm_up
 
 DEFAULT = "bank"
+"""Estimator of the shipped profiles."""
 
 
 def compile_once(*methods: str) -> None:

@@ -116,7 +116,7 @@ def run(scenario: Scenario, out: Path, *, noise: str, seed: int, dither: bool) -
     """Fly, compare, draw; write ``summary.json`` into ``out`` and return what it holds."""
     set_logger_level("rcl", LoggingSeverity.ERROR)
     configuration = scenario.configuration(noise, seed, dither)
-    compile_once(configuration.estimator.method)
+    compile_once(configuration.estimator.method, "msls", "rls")  # those it is compared with
     with Progress(f"flying {scenario.name}", scenario.duration, "s") as progress:
         record = fly(
             scenario, configuration, out / "bag", noise=noise, seed=seed, overwrite=True, progress=progress.show

@@ -102,7 +102,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     results: dict[int, dict[str, Any]] = {}
     missing = ""
     try:
-        compile_once(DEFAULT)
+        if not alone:  # here, and not in every worker
+            given = jobs[0].parameters
+            compile_once(read_profile(given).estimator.method if given else DEFAULT)
         for done in _ends(jobs, arguments, alone):
             results[done.index] = done.result or {"bag": str(jobs[done.index].bag), "error": done.error}
             if alone:
@@ -202,6 +204,7 @@ def _replay(job: Job) -> dict[str, Any]:
     mapped = isinstance(chosen.inputs, InputMap)
     if mapped and not arguments.anyway:
         check_map(bag, found)
+    compile_once(chosen.configuration.estimator.method)
     options = ReplayOptions(
         every=arguments.every,
         merge=arguments.merge,
