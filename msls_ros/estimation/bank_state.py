@@ -11,10 +11,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 
+@passed_by_reference
 class BankSettings(NamedTuple):
     """What the loop needs to know; p regressors, m members, w windows."""
 
@@ -164,6 +165,7 @@ class BankSettings(NamedTuple):
     """Of the estimate that `Output.followed` holds; negative: none."""
 
 
+@passed_by_reference
 class BankState(NamedTuple):
     """Everything that changes; g groups, m members, p regressors (constant first), c effectors, r rows."""
 
@@ -499,6 +501,7 @@ class BankState(NamedTuple):
     """(2,) time of the last sample, and mean step of time [s]."""
 
 
+@passed_by_reference
 class BankWork(NamedTuple):
     """Scratch of one sample; no state."""
 

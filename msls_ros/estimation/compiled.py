@@ -40,6 +40,9 @@ INTERPRETED_SAMPLE, INTERPRETED_STEP = 1.6e-4, 3.1e-7
 KERNELS: list[Kernel] = []
 """Every compiled kernel of the room; empty where the kernels are interpreted."""
 
+RECORDS: list[type] = []
+"""Classes of named tuples that kernels take by reference, of which numba does not know yet."""
+
 VERSIONS = 6
 """Of a room's kernels on disk, some 10 MB each: clones of different versions live side by side."""
 
@@ -134,10 +137,11 @@ class Kernel:
             changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(self._function)).parent))}
         before = {name: getattr(config, name) for name in changes}
         vars(config).update(changes)
+        options = {**self._options, "forceinline": False}  # into its wrapper: it would be compiled twice
         try:
-            return _numba().njit(**self._options)(self._function)
+            return _numba().njit(**options)(self._function)
         except RuntimeError:  # numba: "no locator available"
-            return _numba().njit(**{**self._options, "cache": False})(self._function)
+            return _numba().njit(**{**options, "cache": False})(self._function)
         finally:
             vars(config).update(before)
 
@@ -172,8 +176,17 @@ def compiled(function: Callable[P, T]) -> Callable[P, T]:
     return cast(Callable[P, T], kernel)
 
 
+def passed_by_reference(record: type[T]) -> type[T]:
+    """Have kernels take the named tuples of a class as one address: see `by_reference`."""
+    RECORDS.append(record)
+    return record
+
+
 def _numba() -> Any:
-    return import_module("numba")
+    numba = import_module("numba")
+    while RECORDS:
+        import_module("msls_ros.estimation.by_reference").register(RECORDS.pop())
+    return numba
 
 
 class Bound:

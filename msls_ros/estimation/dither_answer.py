@@ -6,6 +6,7 @@ import enum
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from msls_ros.estimation.compiled import passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 
@@ -51,6 +52,7 @@ DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATIO
 )
 
 
+@passed_by_reference
 class DitherBlock(NamedTuple):
     """The dithers that answer n samples, m effectors."""
 

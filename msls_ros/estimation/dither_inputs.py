@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from msls_ros.estimation.compiled import passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 
+@passed_by_reference
 class Law(NamedTuple):
     """What the compiled law needs to know; m effectors."""
 
@@ -40,6 +42,7 @@ class Law(NamedTuple):
     """(6,) index of u, v, w, P, Q, R among the rows; negative where absent."""
 
 
+@passed_by_reference
 class Knowledge(NamedTuple):
     """What the estimator says of B at each of n samples; r rows, m effectors."""
 
@@ -55,6 +58,7 @@ class Knowledge(NamedTuple):
     """(n, r, 1) what the rows' states do as measured, less what is known of it; NaN where that is not there."""
 
 
+@passed_by_reference
 class Comb(NamedTuple):
     """Multisines, one for each of m effectors."""
 

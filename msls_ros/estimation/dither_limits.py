@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
 
@@ -57,6 +57,7 @@ WEIGHT, CORNER, SEQUENCE, RATE, LOW, HIGH, CAP = range(7)
 """Columns of `Effectors.limits`: weight; actuator's, sequence's corner and rate [rad/s]; positions and rms [rad]."""
 
 
+@passed_by_reference
 class Effectors(NamedTuple):
     """What the dither does to m effectors, from sample to sample."""
 

@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 WINDOW = 20
@@ -31,6 +31,7 @@ GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
 
 
+@passed_by_reference
 class Air(NamedTuple):
     """What `observe_air` remembers; v velocities."""
 

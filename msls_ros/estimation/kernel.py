@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 
 Array = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -48,6 +48,7 @@ PIVOT = 1e-12
 """A pivot below this share of its own column's norm carries no information and is skipped."""
 
 
+@passed_by_reference
 class Work(NamedTuple):
     """Scratch of one update; no state. p regressors."""
 

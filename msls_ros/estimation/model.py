@@ -24,7 +24,7 @@ from msls_ros.estimation.bank_rows import excitation_of
 from msls_ros.estimation.bank_speed import power_of, published_value, seen_at, slope_by_speed
 from msls_ros.estimation.bank_state import BankSettings, BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
-from msls_ros.estimation.compiled import Bound, compiled
+from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.kernel import Array, Integers
@@ -36,6 +36,7 @@ from msls_ros.estimation.uncertainty import error_bars
 Flags = NDArray[np.bool_]
 
 
+@passed_by_reference
 class Model(NamedTuple):
     """``xdot = A x + B delta + bias`` with its errors; n states, m effectors, p regressors."""
 
@@ -55,6 +56,7 @@ class Model(NamedTuple):
     """(p,) least over the rows."""
 
 
+@passed_by_reference
 class Best(NamedTuple):
     """The best that was known of a model; NaN where nothing is kept. n states, m effectors."""
 
@@ -67,6 +69,7 @@ class Best(NamedTuple):
     """[s]"""
 
 
+@passed_by_reference
 class BankScratch(NamedTuple):
     """Scratch of `fill_bank_model`; m members."""
 
@@ -80,6 +83,7 @@ class BankScratch(NamedTuple):
     """(p,) regressors where the model is wanted."""
 
 
+@passed_by_reference
 class Layout(NamedTuple):
     """What `fill_model` needs to know; r rows."""
 

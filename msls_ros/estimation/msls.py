@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.kernel import Array, Work, msls_gain, propagate_covariance, rls_gain
 
@@ -20,6 +20,7 @@ RESIDUAL_FORGETTING = 0.98
 PRIOR = 1e8
 
 
+@passed_by_reference
 class Memory(NamedTuple):
     """State and scratch by name. p regressors, r rows."""
 

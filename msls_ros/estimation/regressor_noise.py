@@ -35,7 +35,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 RATES = ("P", "Q", "R")
@@ -60,6 +60,7 @@ GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
 
 
+@passed_by_reference
 class Defect(NamedTuple):
     """What `observe_defect` remembers; v states."""
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import Bound, compiled
+from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 SLOWEST = 0.13
@@ -49,6 +49,7 @@ FADES = 1e-4
 """What the largest change loses in a row [1]."""
 
 
+@passed_by_reference
 class RepeatSettings(NamedTuple):
     """What does not change; c numbers of a row."""
 
@@ -62,6 +63,7 @@ class RepeatSettings(NamedTuple):
     """Rows further apart say nothing of each other [s]."""
 
 
+@passed_by_reference
 class RepeatState(NamedTuple):
     """What is remembered of each number."""
 

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import Bound, compiled
+from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.repeats import RepeatSettings, RepeatState, repeat_settings, repeat_state, take_row
@@ -61,6 +61,7 @@ LONGEST_STEP = 0.3
 """Between samples that say anything of the pace [s]."""
 
 
+@passed_by_reference
 class FlightSettings(NamedTuple):
     """What says whether a sample is of flight."""
 
@@ -74,6 +75,7 @@ class FlightSettings(NamedTuple):
     """Of time that counts [s]."""
 
 
+@passed_by_reference
 class FlightState(NamedTuple):
     """What is remembered of it."""
 
@@ -98,6 +100,7 @@ def flight_settings(configuration: Configuration) -> FlightSettings:
     )
 
 
+@passed_by_reference
 class PaceState(NamedTuple):
     """What is remembered of how often samples come."""
 

@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import Bound, compiled
+from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 
 FURTHER, FURTHER_RATE = 3.0, 15.0
@@ -47,6 +47,7 @@ ROOM = 64
 """Samples held at most."""
 
 
+@passed_by_reference
 class SpikeSettings(NamedTuple):
     """What does not change; c numbers of a sample."""
 
@@ -62,6 +63,7 @@ class SpikeSettings(NamedTuple):
     """Samples further apart say nothing of each other [s]."""
 
 
+@passed_by_reference
 class SpikeState(NamedTuple):
     """What is remembered."""
 

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import SMALLEST_PENALTY
 
@@ -23,6 +23,7 @@ PRIOR_MSLS = 1e2
 PRIOR_RLS = 1e8
 
 
+@passed_by_reference
 class Settings(NamedTuple):
     """What the loop needs to know; p regressors, r rows, m colours."""
 
@@ -79,6 +80,7 @@ class Settings(NamedTuple):
     """Samples that the estimate looks back, ``(1 + lambda)/(1 - lambda)``."""
 
 
+@passed_by_reference
 class State(NamedTuple):
     """Everything that changes; g groups (group 0 always lives), p regressors, r rows, m colours."""
 
@@ -148,6 +150,7 @@ class State(NamedTuple):
     """(1,) samples since the last reset."""
 
 
+@passed_by_reference
 class Output(NamedTuple):
     """What the loop says of each sample; n samples, r rows."""
 

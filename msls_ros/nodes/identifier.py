@@ -204,7 +204,7 @@ class IdentifierNode(LifecycleNode):
     def _build(self, configuration: Configuration) -> Identifier:
         """Make identifier and gate, return the first, and compile every kernel before the first sample comes."""
         if not is_kept(configuration.estimator.method):
-            self.get_logger().info("compiling the estimator, once on this machine: one to eight minutes")
+            self.get_logger().info("compiling the estimator, once on this machine: one to five minutes")
         took = warm_up(
             configuration.estimator.method, lambda seconds: self.get_logger().info(f"compiling: {seconds:.0f} s")
         )
