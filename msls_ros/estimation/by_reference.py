@@ -58,7 +58,7 @@ class Reference(types.Type):
 
 
 @register_model(Reference)
-class ReferenceModel(models.PrimitiveModel):
+class ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
     """An address of the fields, laid out as they are in arrays."""
 
     def __init__(self, manager: Any, reference: Reference) -> None:
@@ -68,12 +68,12 @@ class ReferenceModel(models.PrimitiveModel):
 
 
 @infer_getattr
-class ReferenceAttributes(AttributeTemplate):
+class ReferenceAttributes(AttributeTemplate):  # type: ignore[misc]
     """Types of the fields, by name."""
 
     key = Reference
 
-    def generic_resolve(self, reference: Reference, name: str) -> Any:  # type: ignore[override]
+    def generic_resolve(self, reference: Reference, name: str) -> Any:
         """Return the type of a field; None where there is none of this name."""
         return reference.members[reference.places[name]] if name in reference.places else None
 
