@@ -52,8 +52,6 @@ NODE_PARAMETERS = {
     "warm_start": fixed("", "such a file to start from; empty: from nothing"),
 }
 PARAMETERS = {**NODE_PARAMETERS, **configuration_table()}
-COMPILING = 0.5
-"""A warm-up longer than this has compiled something [s]."""
 WAITING = 5.0
 """How often it is said what is waited for [s]."""
 FOREIGN_RATE = 4.0
@@ -99,7 +97,7 @@ class IdentifierNode(LifecycleNode):
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._take_parameters)
         self._simulated = bool(self.get_parameter("use_sim_time").value)
-        self.get_logger().info(f"started, kernels {'compiled' if HAVE_NUMBA else 'interpreted'}")
+        self.get_logger().info("started" if HAVE_NUMBA else "started; numba is not there: kernels are interpreted")
         if self._p["autostart"]:
             self._start()
         else:
@@ -203,13 +201,14 @@ class IdentifierNode(LifecycleNode):
 
     def _build(self, configuration: Configuration) -> Identifier:
         """Make identifier and gate, return the first, and compile every kernel before the first sample comes."""
-        if not is_kept(configuration.estimator.method):
+        kept = is_kept(configuration.estimator.method)
+        if not kept:
             self.get_logger().info("compiling the estimator, once on this machine: one to five minutes")
         took = warm_up(
             configuration.estimator.method, lambda seconds: self.get_logger().info(f"compiling: {seconds:.0f} s")
         )
-        if took > COMPILING and HAVE_NUMBA:
-            self.get_logger().info(f"compiling once: all kernels are ready after {took:.1f} s")
+        if not kept:
+            self.get_logger().info(f"compiled in {took:.0f} s, kept for the next time")
         self._synchronizer = Synchronizer.of(configuration, lambda refused: self._refusals.take(refused))
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = None
