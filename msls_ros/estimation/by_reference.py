@@ -18,8 +18,8 @@ import hashlib
 from collections.abc import Iterable
 from typing import Any
 
-from llvmlite import ir
-from numba.core import cgutils, types
+from numba import types
+from numba.core import cgutils
 from numba.core.typing.templates import AttributeTemplate
 from numba.extending import (
     NativeValue,
@@ -32,7 +32,7 @@ from numba.extending import (
 )
 
 
-class Reference(types.Type):
+class Reference(types.Type):  # type: ignore[misc]
     """Type of the address of a named tuple.
 
     Parameters
@@ -63,7 +63,7 @@ class ReferenceModel(models.PrimitiveModel):  # type: ignore[misc]
 
     def __init__(self, manager: Any, reference: Reference) -> None:
         """Lay them out."""
-        self.fields = ir.LiteralStructType([manager.lookup(one).get_data_type() for one in reference.members])
+        self.fields = manager.lookup(types.Tuple(reference.members)).get_data_type()
         super().__init__(manager, reference, self.fields.as_pointer())
 
 
@@ -99,11 +99,11 @@ def load_field(context: Any, builder: Any, reference: Reference, address: Any, n
 def _load(builder: Any, address: Any) -> Any:
     """Load a value, number by number, each as one that does not change."""
     kind = address.type.pointee
-    if not isinstance(kind, (ir.LiteralStructType, ir.ArrayType)):
+    if not hasattr(kind, "elements"):
         value = builder.load(address)
         value.set_metadata("invariant.load", builder.module.add_metadata([]))
         return value
-    whole = ir.Constant(kind, ir.Undefined)
+    whole = cgutils.get_null_value(kind)
     for place in range(len(kind)):
         part = _load(builder, cgutils.gep_inbounds(builder, address, 0, place))
         whole = builder.insert_value(whole, part, place)
@@ -138,7 +138,7 @@ def _forget_origin(builder: Any, api: Any, address: Any) -> Any:
     Else a kernel that becomes part of its wrapper would write the frame and load it as invariant in one function, and
     the optimiser were free to do the one after the other.
     """
-    number = api.long_from_ulonglong(builder.ptrtoint(address, ir.IntType(64)))
+    number = api.long_from_ulonglong(builder.ptrtoint(address, cgutils.intp_t))
     found = api.long_as_voidptr(number)
     api.decref(number)
     return builder.bitcast(found, address.type)
