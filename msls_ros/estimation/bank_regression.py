@@ -154,8 +154,11 @@ class BankRegression:
             self._observed = np.zeros(len(phi)), np.zeros((len(phi), 2 * y.shape[1]))
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
-        for q, one in enumerate(self._observed[1][done - 1, : len(self.noise)].tolist()):
-            self.noise[q] = one * power_of(self.settings, q + 1, ratio_of(self.state)) ** 2
+        ratio = float(self.state.speed[1]) if self.state.speed[1] > 0.0 else 1.0
+        powers = 1.0, ratio, ratio * ratio  # as `power_of` and `ratio_of`, which would be handed the state row by row
+        observed = self._observed[1][done - 1, : len(self.noise)].tolist()
+        for q, (one, exponent) in enumerate(zip(observed, self.settings.exponent[1:].tolist(), strict=False)):
+            self.noise[q] = one * powers[exponent] ** 2
         if out.restart[done - 1] != SOUND:
             self.reset()
             forget_sample(out, done - 1)
