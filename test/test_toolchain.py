@@ -200,6 +200,21 @@ def test_an_edit_rebuilds_what_it_must(
     assert {name for name in before if before[name] != after[name]} == rebuilt
 
 
+def test_what_programs_import_is_compiled_even_where_python_is_to_keep_nothing(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(script, "ROOT", tmp_path)
+    monkeypatch.setattr(script, "LOG", tmp_path / "setup.log")
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    for name, text in {"made": "A = 1", "tests": "A = 1", "other_python": "print 1"}.items():
+        folder = tmp_path / "tests" / "lib" / "site-packages" / "made" / name
+        folder.mkdir(parents=True)
+        (folder / "one.py").write_text(text)
+    script.keep_bytecode(tmp_path / "tests" / "lib")
+    assert [path.parents[1].name for path in tmp_path.rglob("*.pyc")] == ["made"]
+    assert "other_python/one.py" in script.LOG.read_text()
+
+
 @pytest.mark.parametrize("lock", LOCKS)
 def test_every_pin_has_hashes(lock: str) -> None:
     blocks = pins(lock)
