@@ -21,7 +21,7 @@ def compile_once(*methods: str) -> None:
     for method in dict.fromkeys(methods):
         if is_kept(method):
             continue
-        _say(f"compiling the estimator ({method}), once on this machine: one to five minutes ...")
+        _say(f"compiling the estimator ({method}), once on this machine: one to three minutes ...")
         took = warm_up(method, lambda seconds: _say(f"compiling: {seconds:.0f} s"))
         _say(f"compiled in {took:.0f} s, kept for the next time")
 

@@ -14,14 +14,16 @@ Numba is imported when the first kernel runs: programs that run none start two s
 
 from __future__ import annotations
 
+import contextlib
 import functools
+import gc
 import hashlib
 import inspect
 import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from importlib import import_module, metadata
 from importlib.util import find_spec
 from pathlib import Path
@@ -131,19 +133,17 @@ class Kernel:
     @functools.cached_property
     def dispatcher(self) -> Any:
         """What Python calls: of numba; it is kept on disk, with all that it calls."""
-        config: Any = _numba().config
         changes = {"CACHE_LOCATOR_CLASSES": f"{__name__}.{Locator.__name__}"}
-        if not hasattr(config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
+        if not hasattr(_numba().config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
             changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(self._function)).parent))}
-        before = {name: getattr(config, name) for name in changes}
-        vars(config).update(changes)
         options = {**self._options, "forceinline": False}  # into its wrapper: it would be compiled twice
-        try:
-            return _numba().njit(**options)(self._function)
-        except RuntimeError:  # numba: "no locator available"
-            return _numba().njit(**{**options, "cache": False})(self._function)
-        finally:
-            vars(config).update(before)
+        with _settings(changes):
+            try:
+                made: Any = _numba().njit(**options)(self._function)
+            except RuntimeError:  # numba: "no locator available"
+                made = _numba().njit(**{**options, "cache": False})(self._function)
+        made.compile = functools.partial(_compile, made.compile)
+        return made
 
     @functools.cached_property
     def inlined(self) -> Any:
@@ -180,6 +180,35 @@ def passed_by_reference(record: type[T]) -> type[T]:
     """Have kernels take the named tuples of a class as one address: see `by_reference`."""
     RECORDS.append(record)
     return record
+
+
+def _compile(whole: Callable[[Any], Any], signature: Any) -> Any:
+    """Compile one version of a kernel, with all that it calls, in two thirds of the time.
+
+    LLVM's third level of optimisation takes longer than its first and code that is no faster comes of it; and of the
+    objects that make millions of references to each other until the end, Python's collector frees none.
+    """
+    config: Any = _numba().config
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        with _settings({} if "NUMBA_OPT" in os.environ else {"OPT": type(config.OPT)(1)}):
+            return whole(signature)
+    finally:
+        if collects:
+            gc.enable()
+
+
+@contextlib.contextmanager
+def _settings(changes: Mapping[str, Any]) -> Iterator[None]:
+    """Have numba's configuration changed for a while."""
+    config = vars(_numba().config)
+    before = {name: config[name] for name in changes}
+    config.update(changes)
+    try:
+        yield
+    finally:
+        config.update(before)
 
 
 def _numba() -> Any:

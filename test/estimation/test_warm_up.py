@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -92,6 +93,30 @@ def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest
         found.append((kernel(2.0), sum(kernel.stats.cache_hits.values())))
     assert found == [(4.0, 0), (4.0, 1), (6.0, 0)]
     assert dict(vars(numba.config)) == before, "numba's settings of others are as they were"
+
+
+@pytest.mark.parametrize("collects", [True, False])
+def test_compiling_leaves_the_settings_of_others_as_they_were(monkeypatch: pytest.MonkeyPatch, collects: bool) -> None:
+    monkeypatch.delenv("NUMBA_OPT", raising=False)
+    config: Any = pytest.importorskip("numba").config
+    before, seen = dict(vars(config)), []
+
+    def whole(signature: str) -> str:
+        seen.append((config.OPT, gc.isenabled()))
+        if signature == "bad":
+            raise TypeError(signature)
+        return signature
+
+    try:
+        (gc.enable if collects else gc.disable)()
+        assert room._compile(whole, "good") == "good"
+        with pytest.raises(TypeError, match="bad"):
+            room._compile(whole, "bad")
+        assert gc.isenabled() == collects
+    finally:
+        gc.enable()
+    assert seen == [(1, False)] * 2
+    assert dict(vars(config)) == before
 
 
 def test_kernels_of_old_versions_make_room_for_a_new_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
