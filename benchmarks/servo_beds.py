@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.calibration_beds import Bed, Recorded, flight_test
+from msls_ros.inputs import frames
 
 Array = NDArray[np.float64]
 GRAVITY, DENSITY, STEP = 9.80665, 1.225, 0.005
@@ -116,10 +117,15 @@ def accelerate(one: Small, x: Array, force: Array, moment: Array) -> tuple[Array
     rates = x[3:6]
     ix, iy, iz, ixz = one.inertia
     inertia = np.array([[ix, 0.0, -ixz], [0.0, iy, 0.0], [-ixz, 0.0, iz]])
-    turning = np.linalg.solve(inertia, moment - np.cross(rates, inertia @ rates))
+    turning = np.linalg.solve(inertia, moment - cross(rates, inertia @ rates))
     yawing = q * math.sin(phi) + r * math.cos(phi)
     angles = (p + math.tan(theta) * yawing, q * math.cos(phi) - r * math.sin(phi), yawing / math.cos(theta))
-    return np.concatenate([felt + gravity(x) - np.cross(rates, x[:3]), turning, angles]), felt
+    return np.concatenate([felt + gravity(x) - cross(rates, x[:3]), turning, angles]), felt
+
+
+def cross(a: Array, b: Array) -> Array:
+    """Return a x b of (3,) each, as `numpy.cross`, which takes thirty times as long for three numbers."""
+    return np.array(frames.cross(a.tolist(), b.tolist()))
 
 
 def gravity(x: Array) -> Array:
@@ -200,7 +206,7 @@ def fly(bed: ServoBed, seed: int) -> Recorded:
             read[6:] += random.normal(0.0, NOISE["attitude"], 3)
             known = rates.copy()
             noisy = felt + random.normal(0.0, NOISE["acceleration"], 3)
-            known[:3] = noisy + gravity(read) - np.cross(read[3:6], read[:3])
+            known[:3] = noisy + gravity(read) - cross(read[3:6], read[:3])
             if len(taken) % 5 == 0:
                 truths.append((time, *truth(one, x, act, thrust, wind)))
             taken.append((time, read, known, command.copy()))

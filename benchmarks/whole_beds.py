@@ -25,6 +25,7 @@ from benchmarks.servo_beds import (
     STEP,
     Small,
     accelerate,
+    cross,
     forces,
     gravity,
     trim,
@@ -92,6 +93,8 @@ def whole_beds(rates: tuple[int, ...] = (25, 50)) -> Iterator[WholeBed]:
 def wheel_forces(one: Small, x: Array, height: float, steering: float) -> tuple[Array, Array, bool]:
     """Return force [N] and moment [N m] of the wheels in body axes, and whether any touches the ground."""
     force, moment, touches = np.zeros(3), np.zeros(3), False
+    if height > one.span:  # no wheel reaches that far
+        return force, moment, touches
     down = gravity(x) / GRAVITY
     share = one.mass / len(PLACES)
     for i, arm in enumerate(PLACES * (one.span / AEROSONDE.span)):
@@ -99,7 +102,7 @@ def wheel_forces(one: Small, x: Array, height: float, steering: float) -> tuple[
         if depth <= 0.0:
             continue
         touches = True
-        moving = x[:3] + np.cross(x[3:6], arm)
+        moving = x[:3] + cross(x[3:6], arm)
         load = share * max(STIFFNESS**2 * depth + 2.0 * DAMPING * STIFFNESS * float(moving @ down), 0.0)
         angle = steering if i == len(PLACES) - 1 else 0.0
         along, side = (
@@ -110,7 +113,7 @@ def wheel_forces(one: Small, x: Array, height: float, steering: float) -> tuple[
         rolling = ROLLING * math.tanh(float(moving @ along) / 0.2) * along
         sliding = SIDEWAYS * math.tanh(float(moving @ side) / 0.3) * side
         push = -load * (down + rolling + sliding)
-        force, moment = force + push, moment + np.cross(arm, push)
+        force, moment = force + push, moment + cross(arm, push)
     return force, moment, touches
 
 
@@ -269,7 +272,7 @@ class Pilot:
         read[3:6] += random.normal(0.0, NOISE["rate"], 3) + bias
         read[6:] += random.normal(0.0, NOISE["attitude"], 3)
         noisy = moving.felt + random.normal(0.0, NOISE["acceleration"], 3)
-        known[:3] = noisy + gravity(read) - np.cross(read[3:6], read[:3])
+        known[:3] = noisy + gravity(read) - cross(read[3:6], read[:3])
         return read, known
 
     def jump(self, x: Array, delta: Array) -> None:
