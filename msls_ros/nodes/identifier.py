@@ -203,7 +203,7 @@ class IdentifierNode(LifecycleNode):
         """Make identifier and gate, return the first, and compile every kernel before the first sample comes."""
         kept = is_kept(configuration.estimator.method)
         if not kept:
-            self.get_logger().info("compiling the estimator, once on this machine: one to five minutes")
+            self.get_logger().info("compiling the estimator, once on this machine: one to three minutes")
         took = warm_up(
             configuration.estimator.method, lambda seconds: self.get_logger().info(f"compiling: {seconds:.0f} s")
         )

@@ -110,7 +110,11 @@ class MemoryBank:
             self._restart(int(q), bool(statistic[q] > STRONG))
         self._forget(k)
         m, p = self._members.shape[1:]
-        gain = np.linalg.solve(self._information, np.broadcast_to(phi[:, None], (len(y), m, p, 1)))[..., 0]
+        if grid.delay:
+            covariance = np.linalg.inv(self._information)
+            gain = covariance @ phi
+        else:
+            gain = np.linalg.solve(self._information, np.broadcast_to(phi[:, None], (len(y), m, p, 1)))[..., 0]
         excess = 1.0 + gain @ phi
         error = y[:, None] - self._members @ phi
         back = np.minimum(grid.delay, np.maximum(1, self._age // 2))
@@ -129,7 +133,8 @@ class MemoryBank:
         if not grid.delay:
             self.theta = self._predicting
             return
-        weights = delayed[..., None] ** grid.power / np.diagonal(np.linalg.inv(self._information), axis1=2, axis2=3)
+        variances = np.diagonal(covariance, axis1=2, axis2=3) - gain**2 / excess[..., None]
+        weights = delayed[..., None] ** grid.power / variances
         self.theta = (weights * self._members).sum(axis=1) / weights.sum(axis=1)
 
     def _forget(self, k: int) -> None:

@@ -53,7 +53,10 @@ def flown(name: str, seed: int) -> Flown:
     scenario = find_scenario(name)
     flight = scenario.flight("none", seed)
     flight = replace(flight, rates=replace(flight.rates, truth=1))
-    log = fly(scenario.configuration("none", seed, dither=True), flight, sparse=True)
+    configuration = scenario.configuration("none", seed, dither=True)
+    if "dither" not in name:  # nothing of the flight is by the estimate
+        configuration = configuration.replace({"estimator.method": "rls"})
+    log = fly(configuration, flight, sparse=True)
     x, xdot, delta = (np.array(one) for one in (log.x, log.xdot, log.delta))
     speed = float(np.linalg.norm(x[0, :3]))
     roll, pitch = x[:, 6], x[:, 7]
