@@ -15,6 +15,7 @@ Numba is imported when the first kernel runs: programs that run none start two s
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import functools
 import gc
 import hashlib
@@ -142,7 +143,7 @@ class Kernel:
                 made: Any = _numba().njit(**options)(self._function)
             except RuntimeError:  # numba: "no locator available"
                 made = _numba().njit(**{**options, "cache": False})(self._function)
-        made.compile = functools.partial(_compile, made.compile)
+        made.compile = functools.partial(_compile, Path(inspect.getfile(self._function)).parent, made.compile)
         return made
 
     @functools.cached_property
@@ -182,8 +183,8 @@ def passed_by_reference(record: type[T]) -> type[T]:
     return record
 
 
-def _compile(whole: Callable[[Any], Any], signature: Any) -> Any:
-    """Compile one version of a kernel, with all that it calls, in two thirds of the time.
+def _compile(room: Path, whole: Callable[[Any], Any], signature: Any) -> Any:
+    """Compile one version of a kernel, with all that it calls, or load it: numba does, here in two thirds of the time.
 
     LLVM's third level of optimisation takes longer than its first and code that is no faster comes of it; and of the
     objects that make millions of references to each other until the end, Python's collector frees none.
@@ -192,11 +193,27 @@ def _compile(whole: Callable[[Any], Any], signature: Any) -> Any:
     collects = gc.isenabled()
     gc.disable()
     try:
-        with _settings({} if "NUMBA_OPT" in os.environ else {"OPT": type(config.OPT)(1)}):
+        with _turn(room), _settings({} if "NUMBA_OPT" in os.environ else {"OPT": type(config.OPT)(1)}):
             return whole(signature)
     finally:
         if collects:
             gc.enable()
+
+
+@contextlib.contextmanager
+def _turn(room: Path) -> Iterator[None]:
+    """Wait while another process compiles a kernel of this room: it may be the same one, to be loaded then."""
+    try:
+        turn = os.open(_cache_folder(room) / "turn", os.O_RDWR | os.O_CREAT, 0o666)
+    except (OSError, RuntimeError):  # nothing is kept: there is nothing to wait for
+        yield
+        return
+    try:
+        with contextlib.suppress(OSError):  # a file system without locks
+            fcntl.flock(turn, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(turn)
 
 
 @contextlib.contextmanager

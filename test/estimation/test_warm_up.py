@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib.util import module_from_spec, spec_from_file_location
@@ -96,8 +97,11 @@ def test_a_second_clone_of_the_same_sources_compiles_nothing(monkeypatch: pytest
 
 
 @pytest.mark.parametrize("collects", [True, False])
-def test_compiling_leaves_the_settings_of_others_as_they_were(monkeypatch: pytest.MonkeyPatch, collects: bool) -> None:
+def test_compiling_leaves_the_settings_of_others_as_they_were(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, collects: bool
+) -> None:
     monkeypatch.delenv("NUMBA_OPT", raising=False)
+    monkeypatch.setattr(room, "_cache_folder", lambda folder: folder)
     config: Any = pytest.importorskip("numba").config
     before, seen = dict(vars(config)), []
 
@@ -109,14 +113,50 @@ def test_compiling_leaves_the_settings_of_others_as_they_were(monkeypatch: pytes
 
     try:
         (gc.enable if collects else gc.disable)()
-        assert room._compile(whole, "good") == "good"
+        assert room._compile(tmp_path, whole, "good") == "good"
         with pytest.raises(TypeError, match="bad"):
-            room._compile(whole, "bad")
+            room._compile(tmp_path, whole, "bad")
         assert gc.isenabled() == collects
     finally:
         gc.enable()
     assert seen == [(1, False)] * 2
     assert dict(vars(config)) == before
+
+
+def test_of_processes_that_start_together_one_compiles_and_the_others_load(tmp_path: Path) -> None:
+    pytest.importorskip("numba")
+    (tmp_path / f"{NAME}.py").write_text(
+        """
+import numba
+from msls_ros.estimation.compiled import OPTIONS, Kernel
+def twice(x):
+    return 2.0 * x
+numba.njit(twice)(1.0)
+kernel = Kernel(twice, OPTIONS)
+print("ready", flush=True)
+input()
+assert kernel(2.0) == 4.0
+print(sum(kernel.dispatcher.stats.cache_hits.values()))
+"""
+    )
+    started = [
+        subprocess.Popen(
+            [sys.executable, str(tmp_path / f"{NAME}.py")],
+            env={**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kept")},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+        for _ in range(3)
+    ]
+    for one in started:
+        assert one.stdout is not None and one.stdout.readline() == "ready\n"
+    for one in started:
+        assert one.stdin is not None
+        one.stdin.write("\n")
+        one.stdin.flush()
+    loaded = [one.communicate()[0] for one in started]
+    assert sorted(loaded) == ["0\n", "1\n", "1\n"]
 
 
 def test_kernels_of_old_versions_make_room_for_a_new_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
