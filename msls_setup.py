@@ -427,16 +427,15 @@ def execute(command: Sequence[str], env: Dict[str, str]) -> NoReturn:
     os.execve(command[0], list(command), env)
 
 
-COMPILE = "from msls_ros.estimation.warm_up import warm_up; warm_up('{}')"
+COMPILE = "import sys; from msls_ros.estimation.warm_up import warm_up; warm_up(sys.argv[1])"
 
 
 def test(arguments: Sequence[str], env: Dict[str, str]) -> NoReturn:
     """Run pytest with these arguments; without any: ruff, mypy and all tests, on every core."""
     os.chdir(ROOT)
     if not arguments:
-        compiling = [  # beside mypy, and not once per process of pytest
-            subprocess.Popen([PYTHON, "-c", COMPILE.format(method)], env=env) for method in ("bank", "msls")
-        ]
+        compile_one = [PYTHON, "-c", COMPILE]
+        compiling = [subprocess.Popen([*compile_one, "bank"], env=env)]  # beside mypy, not once per process of pytest
         failed = []
         for check in ("ruff check", "ruff format --check", "mypy"):
             say(check)
@@ -448,6 +447,7 @@ def test(arguments: Sequence[str], env: Dict[str, str]) -> NoReturn:
             print(f"msls: failed: {', '.join(failed)}; the tests were not run", file=sys.stderr)
             sys.exit(1)
         say("compiling the estimator")
+        compiling.append(subprocess.Popen([*compile_one, "msls"], env=env))
         for process in compiling:
             process.wait()  # what it could not compile, a test will name
     say("pytest")

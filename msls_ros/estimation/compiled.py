@@ -143,7 +143,7 @@ class Kernel:
                 made: Any = _numba().njit(**options)(self._function)
             except RuntimeError:  # numba: "no locator available"
                 made = _numba().njit(**{**options, "cache": False})(self._function)
-        made.compile = functools.partial(_compile, Path(inspect.getfile(self._function)).parent, made.compile)
+        made.compile = functools.partial(_compile, self._function, made.compile)
         return made
 
     @functools.cached_property
@@ -183,7 +183,7 @@ def passed_by_reference(record: type[T]) -> type[T]:
     return record
 
 
-def _compile(room: Path, whole: Callable[[Any], Any], signature: Any) -> Any:
+def _compile(function: Callable[..., Any], whole: Callable[[Any], Any], signature: Any) -> Any:
     """Compile one version of a kernel, with all that it calls, or load it: numba does, here in two thirds of the time.
 
     LLVM's third level of optimisation takes longer than its first and code that is no faster comes of it; and of the
@@ -193,7 +193,7 @@ def _compile(room: Path, whole: Callable[[Any], Any], signature: Any) -> Any:
     collects = gc.isenabled()
     gc.disable()
     try:
-        with _turn(room), _settings({} if "NUMBA_OPT" in os.environ else {"OPT": type(config.OPT)(1)}):
+        with _turn(function), _settings({} if "NUMBA_OPT" in os.environ else {"OPT": type(config.OPT)(1)}):
             return whole(signature)
     finally:
         if collects:
@@ -201,10 +201,11 @@ def _compile(room: Path, whole: Callable[[Any], Any], signature: Any) -> Any:
 
 
 @contextlib.contextmanager
-def _turn(room: Path) -> Iterator[None]:
-    """Wait while another process compiles a kernel of this room: it may be the same one, to be loaded then."""
+def _turn(function: Callable[..., Any]) -> Iterator[None]:
+    """Wait while another process compiles this kernel: it will be loaded then."""
     try:
-        turn = os.open(_cache_folder(room) / "turn", os.O_RDWR | os.O_CREAT, 0o666)
+        folder = _cache_folder(Path(inspect.getfile(function)).parent)
+        turn = os.open(folder / f"{function.__name__}.turn", os.O_RDWR | os.O_CREAT, 0o666)
     except (OSError, RuntimeError):  # nothing is kept: there is nothing to wait for
         yield
         return

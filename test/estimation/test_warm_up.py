@@ -101,7 +101,7 @@ def test_compiling_leaves_the_settings_of_others_as_they_were(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, collects: bool
 ) -> None:
     monkeypatch.delenv("NUMBA_OPT", raising=False)
-    monkeypatch.setattr(room, "_cache_folder", lambda folder: folder)
+    monkeypatch.setattr(room, "_cache_folder", lambda folder: tmp_path)
     config: Any = pytest.importorskip("numba").config
     before, seen = dict(vars(config)), []
 
@@ -113,9 +113,9 @@ def test_compiling_leaves_the_settings_of_others_as_they_were(
 
     try:
         (gc.enable if collects else gc.disable)()
-        assert room._compile(tmp_path, whole, "good") == "good"
+        assert room._compile(flight, whole, "good") == "good"
         with pytest.raises(TypeError, match="bad"):
-            room._compile(tmp_path, whole, "bad")
+            room._compile(flight, whole, "bad")
         assert gc.isenabled() == collects
     finally:
         gc.enable()
