@@ -28,7 +28,8 @@ LOCK = "requirements.lock"
 EXTRA_LOCKS = {"benchmark": "requirements-benchmark.lock"}  # executables that need more packages
 NODES = ("identifier", "mixer", "controller", "plant", "pilot", "recorder")
 SETUP_VERSION = 2  # raise it to make every set-up start anew
-NOT_IMPORTED = r"/site-packages/(.*/)?(tests?|pip|setuptools|mypy|mypyc|docutils|fontTools|dialects)/"  # by us
+# Folders of packages that no program of ours imports: their byte code would take as long to make as that of the others.
+NOT_IMPORTED = r"/site-packages/(.*/)?(tests?|pip|setuptools|mypy|mypyc|docutils|fontTools|dialects)/"
 PYTHONS = ("3.10", "3.11", "3.12", "3.13")
 
 HELP = """\
