@@ -5,11 +5,10 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
-import signal
 import sys
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, nullcontext
+from collections.abc import Sequence
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from msls_ros.campaigns.store import SUMMARY, TABLE, Store, StoreError, csv_of
 from msls_ros.campaigns.table import render, summarise
 from msls_ros.commands.arguments import OneLineParser, add_fleet, count, seed
 from msls_ros.commands.compiling import compile_once
+from msls_ros.commands.interrupted import Interrupted
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
 from msls_ros.fleet import FleetError, run
@@ -59,50 +59,6 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--fresh", action="store_true", help="discard the flights that are kept in the folder")
     result.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
     return result
-
-
-class Interrupted:
-    """Whether Ctrl-C or a SIGTERM came; compiled code may swallow the exception, and fail in ways of its own."""
-
-    def __init__(self) -> None:
-        self.came = self._held = False
-
-    def __bool__(self) -> bool:
-        """Whether it was."""
-        return self.came
-
-    @contextmanager
-    def watched(self) -> Iterator[None]:
-        """Watch."""
-
-        def note(number: int, frame: object) -> None:
-            self.came = True
-            if not self._held:
-                raise KeyboardInterrupt
-
-        def swallow(what: sys.UnraisableHookArgs) -> None:
-            if not (self.came and isinstance(what.exc_value, KeyboardInterrupt)):
-                sys.__unraisablehook__(what)
-
-        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-        sys.unraisablehook = swallow  # where it comes in a destructor or callback, it cannot be raised
-        try:
-            yield
-        finally:
-            sys.unraisablehook = sys.__unraisablehook__
-            for number, handler in before.items():
-                signal.signal(number, handler)
-
-    @contextmanager
-    def held(self) -> Iterator[None]:
-        """Do something whole before the exception comes, such as what other processes or threads have part in."""
-        before, self._held = self._held, True
-        try:
-            yield
-        finally:
-            self._held = before
-        if self.came and not self._held:
-            raise KeyboardInterrupt
 
 
 def main(argv: Sequence[str] | None = None) -> int:
