@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -200,9 +201,12 @@ def record(bed: Bed, seed: int, folder: Path | None) -> Recorded:
             return Recorded(**{name: kept[name] for name in kept.files})
     found = bed.fly(seed)
     if file is not None:
-        part = file.with_suffix(".part.npz")
-        np.savez_compressed(part, **vars(found))
-        part.replace(file)
+        part = file.with_suffix(f".{os.getpid()}.part.npz")  # another process may fly the same
+        try:
+            np.savez_compressed(part, **vars(found))
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
     return found
 
 
@@ -213,8 +217,19 @@ def kept_rows(folder: Path | None, name: str) -> tuple[Path | None, list[dict[st
     folder.mkdir(parents=True, exist_ok=True)
     code = hashlib.sha256(running_code().encode()).hexdigest()[:16]
     file = folder / f"{name}-{code}.jsonl"
-    lines = file.read_text(encoding="utf-8").splitlines() if file.is_file() else []
-    return file, [json.loads(line) for line in lines if line.endswith("}")]
+    text = file.read_text(encoding="utf-8") if file.is_file() else ""
+    if text and not text.endswith("\n"):  # torn by the end of an earlier call: what is appended begins a line
+        with file.open("a", encoding="utf-8") as opened:
+            opened.write("\n")
+    return file, [row for line in text.splitlines() if (row := _whole(line)) is not None]
+
+
+def _whole(line: str) -> dict[str, Any] | None:
+    try:
+        row: dict[str, Any] = json.loads(line)
+    except json.JSONDecodeError:
+        return None
+    return row
 
 
 def keep_row(file: Path | None, row: dict[str, Any]) -> None:

@@ -107,6 +107,18 @@ def test_rows_of_other_code_are_not_gone_on_with(tmp_path: Any, monkeypatch: pyt
         keep_row(file, {"one": 1})
 
 
+def test_a_torn_line_is_passed_over_and_spoils_no_other(tmp_path: Any) -> None:
+    file, _ = kept_rows(tmp_path, "rows")
+    assert file is not None
+    keep_row(file, {"one": {"inner": 1}})
+    whole = file.read_text()
+    for end in range(1, len(whole) - 1):
+        file.write_text(whole + whole[:end])
+        assert kept_rows(tmp_path, "rows") == (file, [json.loads(whole)])
+        keep_row(file, {"two": 2})
+        assert kept_rows(tmp_path, "rows") == (file, [json.loads(whole), {"two": 2}])
+
+
 def judged(name: str, noise: str, seed: int, path: str) -> dict[str, Any]:
     """Fly a scenario of the F-16 and judge what is said of it."""
     (bed,) = f16_beds((name,), (noise,))
