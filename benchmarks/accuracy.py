@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,10 @@ from benchmarks.calibration_beds import (
     Recorded,
     f16_beds,
     flight_test_beds,
-    keep_row,
-    kept_rows,
     other_beds,
     record,
 )
+from benchmarks.flight_rows import Flight, Row, judge_flights
 from msls_ros.estimation import Configuration, Estimate, EventKind, Identifier
 from msls_ros.estimation.kernel import Array
 from msls_ros.flights.closed_loop import RIGID_BODY
@@ -87,7 +87,6 @@ REPEAT = -0.75
 REPEAT_SEED = 5000
 """Added to the seed."""
 MEASURES = ("batch", "truth", "end", "drift", "r2_lost")
-Row = dict[str, Any]
 
 
 def f16_cells() -> list[Bed]:
@@ -276,8 +275,26 @@ def summarise_flight_test(rows: Sequence[Row]) -> Row:
     return beds
 
 
+def fly_and_judge(flight: Flight, folder: Path | None, part: str) -> list[Row]:
+    """Return the row of a flight, in a list; see `measure`."""
+    bed, seed = flight.bed, flight.seed
+    recorded = record(bed, seed, folder)
+    if part == "f16":
+        return [judge_f16(bed, seed, recorded)]
+    scale = REPEAT * bed.scenario.manoeuvre_scale
+    again = replace(bed, name=f"{bed.name} repeat", scenario=replace(bed.scenario, manoeuvre_scale=scale))
+    return [judge_flight_test(bed, seed, recorded, record(again, seed + REPEAT_SEED, folder))]
+
+
 def measure(
-    seeds: Sequence[int], folder: Path | None, say: Callable[[str], None], parts: Sequence[str], others: bool = False
+    seeds: Sequence[int],
+    folder: Path | None,
+    say: Callable[[str], None],
+    parts: Sequence[str],
+    others: bool = False,
+    *,
+    jobs: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Row:
     """Fly and judge; what stands in the folder from an earlier call with the same code is not done again.
 
@@ -293,27 +310,15 @@ def measure(
         Some of ``f16`` and ``flight_test``.
     others
         Nineteen other aircraft in flight test, instead of four.
+    jobs, stopped
+        See `judge_flights`, which raises `FleetError` and `KeyboardInterrupt`.
     """
     result: Row = {"seeds": list(seeds)}
     for part in parts:
         beds = f16_cells() if part == "f16" else smooth_beds(others)
-        kept, rows = kept_rows(folder, f"accuracy-{part}")
-        done = {(row["bed"], row["seed"]) for row in rows}
-        todo = [(bed, seed) for bed in beds for seed in seeds]
-        for k, (bed, seed) in enumerate(todo, 1):
-            say(f"{k} of {len(todo)}: {bed.name}, seed {seed}")
-            if (bed.name, seed) in done:
-                continue
-            flight = record(bed, seed, folder)
-            if part == "f16":
-                rows.append(judge_f16(bed, seed, flight))
-            else:
-                scale = REPEAT * bed.scenario.manoeuvre_scale
-                again = replace(bed, name=f"{bed.name} repeat", scenario=replace(bed.scenario, manoeuvre_scale=scale))
-                rows.append(judge_flight_test(bed, seed, flight, record(again, seed + REPEAT_SEED, folder)))
-            keep_row(kept, rows[-1])
-        wanted = {(bed.name, seed) for bed, seed in todo}
-        rows = [row for row in rows if (row["bed"], row["seed"]) in wanted]
+        flights = [Flight(bed, seed) for bed in beds for seed in seeds]
+        fly = partial(fly_and_judge, folder=folder, part=part)
+        rows = judge_flights(fly, flights, folder, f"accuracy-{part}", say, jobs=jobs, stopped=stopped)
         result[part] = summarise_f16(rows) if part == "f16" else summarise_flight_test(rows)
     return result
 

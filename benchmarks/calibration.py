@@ -10,6 +10,7 @@ and ``quiet``, where for a second no angular rate has moved by a quarter of what
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +23,11 @@ from benchmarks.calibration_beds import (
     f16_beds,
     flight_test_beds,
     intact_beds,
-    keep_row,
-    kept_rows,
     mapped,
     other_beds,
     record,
 )
+from benchmarks.flight_rows import Flight, Row, judge_flights
 from benchmarks.servo_beds import servo_beds
 from benchmarks.whole_beds import whole_beds
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
@@ -51,7 +51,6 @@ DIFFERENTIATED = ("servos", "whole")
 """All derivatives of rates are made by the window there."""
 ESTIMATES = 10.0
 """How many are judged [Hz]."""
-Row = dict[str, Any]
 
 
 def beds(kind: str = "") -> list[Bed]:
@@ -269,12 +268,25 @@ def phase_numbers(cells: Sequence[Sequence[Any]]) -> Row:
     }
 
 
+def fly_and_judge(flight: Flight, folder: Path | None, method: str) -> list[Row]:
+    """Return a row for each path of a flight; see `measure`."""
+    bed, seed = flight.bed, flight.seed
+    recorded = record(bed, seed, folder)
+    configuration = bed.configuration(seed)
+    if method:
+        configuration = configuration.replace({"estimator.method": method})
+    return [judge(bed, seed, recorded, path, configuration) for path in flight.paths]
+
+
 def measure(
     seeds: Sequence[int],
     folder: Path | None,
     say: Callable[[str], None],
     kind: str = "",
     method: str = "",
+    *,
+    jobs: int = 1,
+    stopped: Callable[[], bool] = lambda: False,
 ) -> Row:
     """Fly and judge all beds; what stands in the folder from an earlier call with the same code is not done again.
 
@@ -290,23 +302,14 @@ def measure(
         Which beds instead, of `KINDS`.
     method
         Of the estimator instead of the profile's.
+    jobs, stopped
+        See `judge_flights`, which raises `FleetError` and `KeyboardInterrupt`.
     """
-    todo = [(bed, seed) for bed in beds(kind) for seed in seeds]
     paths = PATHS[1:] if kind in DIFFERENTIATED else PATHS
-    kept, rows = kept_rows(folder, f"rows{'-' + method if method else ''}")
-    done = {(row["bed"], row["seed"], row["path"]) for row in rows}
-    for k, (bed, seed) in enumerate(todo, 1):
-        say(f"{k} of {len(todo)}: {bed.name}, seed {seed}")
-        if all((bed.name, seed, path) in done for path in paths):
-            continue
-        flight = record(bed, seed, folder)
-        configuration = bed.configuration(seed)
-        if method:
-            configuration = configuration.replace({"estimator.method": method})
-        for path in paths:
-            if (bed.name, seed, path) not in done:
-                rows.append(judge(bed, seed, flight, path, configuration))
-                keep_row(kept, rows[-1])
+    flights = [Flight(bed, seed, paths) for bed in beds(kind) for seed in seeds]
+    fly = partial(fly_and_judge, folder=folder, method=method)
+    name = f"rows{'-' + method if method else ''}"
+    rows = judge_flights(fly, flights, folder, name, say, jobs=jobs, stopped=stopped)
     return {"seeds": list(seeds), "table": summarise(rows)}
 
 

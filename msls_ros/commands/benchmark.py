@@ -8,11 +8,15 @@ import json
 import os
 import sys
 from collections.abc import Sequence
+from contextlib import nullcontext
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
 from msls_ros.commands.compiling import compile_once
+from msls_ros.commands.interrupted import Interrupted
+from msls_ros.fleet import FleetError
 from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.plant import NOISE_LEVELS
 
@@ -31,6 +35,23 @@ FAULT_SIZES = (
     ("soak", 3600, "seconds of flight in one go"),
 )
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+
+
+class Unfinished(Exception):
+    """A table is not ended; one sentence that says why and what is kept.
+
+    Parameters
+    ----------
+    message
+        The sentence.
+    code
+        Of the exit.
+    """
+
+    def __init__(self, message: str, code: int) -> None:
+        """See the class."""
+        super().__init__(message)
+        self.code = code
 
 
 def parser() -> argparse.ArgumentParser:
@@ -96,6 +117,9 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
         command.add_argument("--first-seed", type=seed, default=201, help="the first one (default: 201)")
         command.add_argument(
+            "--jobs", type=count, default=1, metavar="N", help="flights at a time, in as many processes (default: 1)"
+        )
+        command.add_argument(
             "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
         )
     for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy, linear):
@@ -116,7 +140,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     measures |= {"latency": _latency, "faults": _faults, "control": _control, "calibration": _calibration}
     measures |= {"accuracy": _accuracy, "linear": _linear}
     compile_once("bank", "msls", "rls")
-    result = measures[arguments.command](arguments)
+    try:
+        result = measures[arguments.command](arguments)
+    except Unfinished as error:
+        print(f"benchmark: {error}", file=sys.stderr)
+        return error.code
     if result is None:
         return 1
     if arguments.json:
@@ -173,18 +201,32 @@ def _faults(arguments: argparse.Namespace) -> Any:
 
 def _calibration(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.calibration")
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
-    result = module.measure(seeds, arguments.folder, _say, arguments.kind, arguments.method or "")
-    if not arguments.json:
-        print(module.render(result))
-    return result
+    return _fly_beds(module, arguments, kind=arguments.kind, method=arguments.method or "")
 
 
 def _accuracy(arguments: argparse.Namespace) -> Any:
     module = importlib.import_module("benchmarks.accuracy")
-    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
     parts = ["flight_test"] if arguments.others else arguments.part
-    result = module.measure(seeds, arguments.folder, _say, parts, others=arguments.others)
+    return _fly_beds(module, arguments, parts=parts, others=arguments.others)
+
+
+def _fly_beds(module: ModuleType, arguments: argparse.Namespace, **which: Any) -> Any:
+    """Measure on beds; with several jobs an interrupt does not break into what worker processes have part in."""
+    seeds = range(arguments.first_seed, arguments.first_seed + arguments.seeds)
+    folder, jobs, interrupted = arguments.folder, arguments.jobs, Interrupted()
+    kept = "without --folder nothing is kept"
+    if folder is not None:
+        kept = f"what has ended is kept in '{folder}', the same command goes on"
+    with interrupted.watched():
+        try:
+            with nullcontext() if jobs == 1 else interrupted.held():
+                result = module.measure(seeds, folder, _say, **which, jobs=jobs, stopped=lambda: bool(interrupted))
+        except FleetError as error:
+            raise Unfinished(f"{error}; {kept}", 2) from error
+        except (Exception, KeyboardInterrupt) as error:
+            if not interrupted:
+                raise
+            raise Unfinished(f"interrupted; {kept}", 130) from error
     if not arguments.json:
         print(module.render(result))
     return result

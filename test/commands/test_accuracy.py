@@ -53,6 +53,14 @@ def test_the_truth_is_nearer_than_batch_is_to_it(flown: dict[str, Any]) -> None:
     assert flown["delay"] == pytest.approx(0.014, abs=0.005)
 
 
+def test_two_jobs_give_the_same_table_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    beds = [replace(bed, scenario=replace(bed.scenario, duration=7.0)) for bed in f16_beds(("half_loss",))]
+    monkeypatch.setattr(accuracy, "f16_cells", lambda: beds[:2])
+    alone, together = (accuracy.measure([1], None, lambda text: None, ["f16"], jobs=jobs) for jobs in (1, 2))
+    assert len(alone["f16"]["cells"]) >= 6
+    assert json.dumps(together) == json.dumps(alone)
+
+
 def test_an_interrupted_run_goes_on_and_the_tables_are_json_and_text(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, flown: dict[str, Any]
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from benchmarks.calibration_beds import (
     Recorded,
     f16_beds,
     flight_test_beds,
+    intact_beds,
     keep_row,
     kept_rows,
     mapped,
@@ -95,6 +97,35 @@ def test_an_interrupted_run_goes_on_and_the_table_is_json_and_text(
     assert direct["flights"] == through["flights"] == 2
     assert direct["broken"] == direct["silent"] == 2
     assert "flight test, mapped: 2 flights" in calibration.render(result)
+
+
+def refuse(*flight: Any) -> Recorded:
+    raise AssertionError(f"{flight} is flown here")
+
+
+def test_two_jobs_give_the_same_table_as_one_and_go_on_with_each_others_rows(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The flights are of two groups: rows in the order in which they end, or were kept, may be another table."""
+    beds = [*intact_beds(("none",)), *f16_beds(("roll_doublet",))]
+    short = [replace(bed, scenario=replace(bed.scenario, duration=3.0)) for bed in beds if bed.noise == "low"]
+    monkeypatch.setattr(calibration, "beds", lambda kind: short)
+    said: list[str] = []
+    alone = calibration.measure([1], tmp_path / "1", said.append)
+    assert said == ["1 of 2: intact none air low, seed 1", "2 of 2: roll_doublet low, seed 1"]
+    monkeypatch.setattr(calibration, "record", refuse)
+    together = calibration.measure([1], tmp_path / "2", said.append, jobs=2)
+    assert json.dumps(together) == json.dumps(alone)
+    assert sorted(line.split(": ")[1] for line in said[2:]) == sorted(line.split(": ")[1] for line in said[:2])
+    first, second = (sorted(path.name for path in (tmp_path / folder).iterdir()) for folder in "12")
+    assert first == second and len(first) == 3, "two flights, and their rows"
+    for file in tmp_path.glob("*/*.jsonl"):
+        lines = sorted(file.read_text().splitlines())
+        assert len(lines) == 4
+        for order in (lines, lines[::-1]):
+            file.write_text("\n".join([*order, ""]))
+            again = calibration.measure([1], file.parent, lambda text: None)
+            assert json.dumps(again) == json.dumps(alone)
 
 
 def test_rows_of_other_code_are_not_gone_on_with(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:
