@@ -33,8 +33,9 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_effector_noise import entering_part, state_noise
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_speed import power_of, ratio_of
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

@@ -20,7 +20,8 @@ Econometrica 55 (1987). Law and Kelton, *Simulation Modeling and Analysis*, sect
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 
 

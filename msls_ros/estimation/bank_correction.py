@@ -41,7 +41,8 @@ import math
 
 from msls_ros.estimation.bank_attenuation import ATTENUATED, NOTICED, noise_in, solve_column, turned_part
 from msls_ros.estimation.bank_effector_noise import MEDIAN, entering_part
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

@@ -55,7 +55,8 @@ from msls_ros.estimation.bank_lags import (
     solve_backward,
     solve_forward,
 )
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array

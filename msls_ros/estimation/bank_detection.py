@@ -57,7 +57,8 @@ from msls_ros.estimation.bank_delay import deflection_of
 from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry, rounding_noise
 from msls_ros.estimation.bank_energy import FIRST, observe_novelty
 from msls_ros.estimation.bank_fed_noise import observe_followers
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers

@@ -17,8 +17,9 @@ detector (`bank_detection`).
 
 from __future__ import annotations
 
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_speed import power_of, ratio_of
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

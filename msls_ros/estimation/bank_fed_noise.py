@@ -28,7 +28,8 @@ Soderstrom and Stoica, *System Identification*, 1989, chapter 10 (feedback makes
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

@@ -18,11 +18,13 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank import find_information
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_losses import KNOWN, effect_of, noise_of, square_of_effect
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import residual_variance
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, copy_rows
 
 CHANGE = 1.0
 """By how much a fault may change a state's effect, over what states have in the mean: see `keep_states`.

@@ -28,8 +28,9 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_mixing import sum_members
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

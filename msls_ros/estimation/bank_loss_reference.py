@@ -32,7 +32,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_state import BankWork
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

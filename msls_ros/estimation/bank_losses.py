@@ -48,13 +48,15 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank_effector_noise import resting_noise, slow_noise
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank_loss_reference import LEAST_LEFT, discount_reference, whiten
 from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, copy_rows
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import LARGEST_COLOUR, square_of_change
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kernel import Array, Integers, copy_rows
 
 LIMIT = 4.0
 """Standard errors at which what is published of a loss reaches the detector's threshold."""

@@ -41,7 +41,9 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array

@@ -21,7 +21,9 @@ from __future__ import annotations
 
 from msls_ros.estimation.bank_attenuation import NOTICED, turned_part
 from msls_ros.estimation.bank_effector_noise import entering_part, state_noise
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

@@ -10,14 +10,16 @@ import numpy as np
 from msls_ros.estimation.bank_delay import MOMENTS
 from msls_ros.estimation.bank_forgetting import spread_loss
 from msls_ros.estimation.bank_isolation import Losses
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_losses import KNOWN, compare_surfaces
 from msls_ros.estimation.bank_restoring import restore_effectors
 from msls_ros.estimation.bank_rows import advance_bank, excitation_of
 from msls_ros.estimation.bank_settings import bank_settings
 from msls_ros.estimation.bank_speed import SLOWEST, fill_values, power_of, ratio_of, speed_of
-from msls_ros.estimation.bank_state import BankSettings, clear_bank, make_bank_state, make_bank_work
+from msls_ros.estimation.bank_start import clear_bank, make_bank_state
 from msls_ros.estimation.bank_unalarmed import Alarm, is_denied, keep_alarm
 from msls_ros.estimation.bank_uncertainty import bank_errors, factor_covariance, leading_member
+from msls_ros.estimation.bank_work import make_bank_work
 from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError

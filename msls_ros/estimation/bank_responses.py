@@ -48,7 +48,8 @@ import math
 from msls_ros.estimation.bank_delay import MOMENTS
 from msls_ros.estimation.bank_effector_noise import MEDIAN, median_of, most_noise, third_difference
 from msls_ros.estimation.bank_lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_loop_settings import BankSettings
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import logarithm

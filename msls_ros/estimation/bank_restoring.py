@@ -18,9 +18,11 @@ import math
 
 from msls_ros.estimation.bank import correct, find_information, rotate, solve_gains
 from msls_ros.estimation.bank_forgetting import count_rows
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_losses import TOLERANCE
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import common_square
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
 
 

@@ -23,6 +23,7 @@ from msls_ros.estimation.bank_effector_noise import (
 from msls_ros.estimation.bank_energy import observe_energy
 from msls_ros.estimation.bank_forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank_lags import KEEP, observe_inputs
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_loss_noise import observe_regressors
 from msls_ros.estimation.bank_losses import (
     EVERY,
@@ -37,7 +38,8 @@ from msls_ros.estimation.bank_mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank_responses import held_back, respond
 from msls_ros.estimation.bank_shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank_speed import last_value, power_of, ratio_of, scale_regressors, speed_of
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork, clear_factors
+from msls_ros.estimation.bank_start import clear_factors
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import (
     find_suspects,
     keep_best,
@@ -46,6 +48,7 @@ from msls_ros.estimation.bank_uncertainty import (
     square_of_change,
     suspect_surface,
 )
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.soundness import (

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_loss_noise import LONGEST
 from msls_ros.estimation.bank_losses import EVERY
-from msls_ros.estimation.bank_state import BankSettings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import find_rotation

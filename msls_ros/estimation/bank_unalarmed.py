@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_losses import (
     KNOWN_WELL,
     TOLERANCE,
@@ -36,7 +37,8 @@ from msls_ros.estimation.bank_losses import (
     find_directions,
     noise_of,
 )
-from msls_ros.estimation.bank_state import BankSettings, BankState, BankWork
+from msls_ros.estimation.bank_state import BankState
+from msls_ros.estimation.bank_work import BankWork
 from msls_ros.estimation.kernel import Array
 
 DENIED = 0.5

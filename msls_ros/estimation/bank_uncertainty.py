@@ -60,9 +60,10 @@ from msls_ros.estimation.bank_lags import (
     lag_square,
     observe_lag,
 )
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_mixing import sum_members
 from msls_ros.estimation.bank_speed import SLOWEST, power_of, ratio_of, slope_by_speed
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import logarithm
 from msls_ros.estimation.kernel import Array, Integers

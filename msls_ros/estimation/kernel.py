@@ -269,6 +269,14 @@ def multiply(P: Array, phi: Array, g: Array) -> None:
 
 
 @compiled
+def copy_rows(of: Array, to: Array) -> None:
+    """Copy a matrix: (n, k) each."""
+    for i in range(of.shape[0]):
+        for j in range(of.shape[1]):
+            to[i, j] = of[i, j]
+
+
+@compiled
 def propagate_covariance(
     P: Array, c: Array, u: Array, b: float, rho: float, phi: Array, K: Array, g: Array
 ) -> tuple[float, float, float]:

@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation.bank_attenuation import doubt
+from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_regression import BankRegression
 from msls_ros.estimation.bank_rows import excitation_of
 from msls_ros.estimation.bank_speed import power_of, published_value, seen_at, slope_by_speed
-from msls_ros.estimation.bank_state import BankSettings, BankState
+from msls_ros.estimation.bank_state import BankState
 from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration

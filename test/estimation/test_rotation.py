@@ -12,7 +12,7 @@ import yaml
 from msls_ros.estimation import Configuration, Estimate, EstimationError, Identifier
 from msls_ros.estimation.bank_energy import turned_output
 from msls_ros.estimation.bank_settings import bank_settings
-from msls_ros.estimation.bank_state import make_bank_state
+from msls_ros.estimation.bank_start import make_bank_state
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import (
     FLIGHT_STATES,
