@@ -84,27 +84,41 @@ class BankWork(NamedTuple):
 
 def make_bank_work(s: BankSettings, rows: int) -> BankWork:
     """Allocate the scratch."""
-    p, m = s.prior.shape
-    row, z, K = np.zeros((p, m)), np.zeros((p, m)), np.zeros((p, m))
-    c, t, left, root, first, weight, root_weight, loss, e = (np.zeros(m) for _ in range(9))
-    k = len(s.gains)
-    change, variance, deviation, explained = (np.zeros(k) for _ in range(4))
+    (p, m), k = s.prior.shape, len(s.gains)
     return BankWork(
-        *(np.zeros(p), np.zeros(rows), np.zeros(rows), np.zeros(rows), np.zeros(p), np.zeros(p)),
-        *(row, z, K, np.zeros((p, p, m)), c, t, left),
-        *(root, first, weight, root_weight, loss, e),
-        np.zeros(rows, np.int64),
-        *(change, variance, deviation, explained, np.zeros(p)),
-        *(
-            np.zeros((rows, k)),
-            np.zeros((rows, k)),
-            np.zeros((rows, k)),
-            np.zeros(p),
-            np.zeros((p, p)),
-            np.ones(p),
-            np.zeros((k, p)),
-            np.zeros((k, p)),
-            np.zeros((p, p)),
-            np.zeros((p, p)),
-        ),
+        phi=np.zeros(p),
+        outputs=np.zeros(rows),
+        y=np.zeros(rows),
+        noise=np.zeros(rows),
+        w=np.zeros(p),
+        squares=np.zeros(p),
+        row=np.zeros((p, m)),
+        z=np.zeros((p, m)),
+        K=np.zeros((p, m)),
+        V=np.zeros((p, p, m)),
+        c=np.zeros(m),
+        t=np.zeros(m),
+        left=np.zeros(m),
+        root=np.zeros(m),
+        first=np.zeros(m),
+        weight=np.zeros(m),
+        root_weight=np.zeros(m),
+        loss=np.zeros(m),
+        e=np.zeros(m),
+        concerned=np.zeros(rows, np.int64),
+        change=np.zeros(k),
+        variance=np.zeros(k),
+        deviation=np.zeros(k),
+        explained=np.zeros(k),
+        by_state=np.zeros(p),
+        against=np.zeros((rows, k)),
+        information=np.zeros((rows, k)),
+        reference=np.zeros((rows, k)),
+        difference=np.zeros(p),
+        factor=np.zeros((p, p)),
+        whitening=np.ones(p),
+        steps=np.zeros((k, p)),
+        white_steps=np.zeros((k, p)),
+        white_columns=np.zeros((p, p)),
+        noise_moves=np.zeros((p, p)),
     )
