@@ -24,7 +24,7 @@ from hypothesis import strategies as st
 
 from msls_ros.estimation import EstimationError, Level, from_mapping
 from msls_ros.estimation.dither_allocation import allocate, felt, felt_square, uncertain_square, worst_case
-from msls_ros.estimation.dither_law import LARGEST_EFFECT, START
+from msls_ros.estimation.dither_rms import LARGEST_EFFECT, START
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import multisines, peak_factor
 
