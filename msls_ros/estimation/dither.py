@@ -18,7 +18,7 @@ import numpy as np
 from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither_answer import FROZEN, DitherBlock
-from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law
+from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law, make_dither_work
 from msls_ros.estimation.dither_law import inject
 from msls_ros.estimation.dither_limits import (
     CAP,
@@ -50,7 +50,7 @@ class DitherLaw:
         self._rows = rows_of(configuration.rows)
         self._effectors = len(configuration.effectors)
         self._seed = configuration.dither.seed
-        self._scratch = np.zeros((5, self._effectors + 3))
+        self._work = make_dither_work(self._effectors)
         self._inject = Bound(inject)
         self.configure(configuration)
         self.reset()
@@ -108,7 +108,7 @@ class DitherLaw:
         """
         out = self._zeros(len(time))
         noise = self._noise.draw(len(time))
-        self._inject(self._law, self._state, time, known, delta, noise, self._comb, self._scratch, out)
+        self._inject(self._law, self._state, time, known, delta, noise, self._comb, self._work, out)
         return out
 
     def silence(self, time: Array, why: int = FROZEN) -> DitherBlock:

@@ -1,8 +1,10 @@
-"""What the compiled dither law is given: its parameters, what is known of B at each sample, the multisines."""
+"""What the compiled dither law is given: its parameters, what is known of B at each sample, multisines, scratch."""
 
 from __future__ import annotations
 
 from typing import NamedTuple
+
+import numpy as np
 
 from msls_ros.estimation.compiled import passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
@@ -70,3 +72,24 @@ class Comb(NamedTuple):
     """(m, h) [cycles]."""
     origin: Array
     """(1,) time at which they began [s]."""
+
+
+@passed_by_reference
+class DitherWork(NamedTuple):
+    """Scratch of one sample; m effectors."""
+
+    square: Array
+    """(m,) what the square of each effect at the station may be, see `dither_rms.weigh_entries` [m^2/s^4/rad^2]."""
+    unsure: Array
+    """(m,) what errors of B-hat may add to it in the window."""
+    caps: Array
+    """(m,) largest rms of each surface [rad]."""
+    wave: Array
+    """(m,) multisines now."""
+    axes: Array
+    """(3,) by the body's axes."""
+
+
+def make_dither_work(m: int) -> DitherWork:
+    """Allocate it."""
+    return DitherWork(np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(m), np.zeros(3))

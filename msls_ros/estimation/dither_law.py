@@ -17,7 +17,7 @@ from msls_ros.estimation.dither_answer import (
     NOT_FINITE,
     DitherBlock,
 )
-from msls_ros.estimation.dither_inputs import Comb, Knowledge, Law
+from msls_ros.estimation.dither_inputs import Comb, DitherWork, Knowledge, Law
 from msls_ros.estimation.dither_limits import (
     ACHIEVED,
     CAP,
@@ -38,7 +38,7 @@ from msls_ros.estimation.dither_onset import begin
 from msls_ros.estimation.dither_rms import all_known, choose, relieve, set_caps, weigh_entries
 from msls_ros.estimation.dither_window import enter_window, hold_back, rest
 from msls_ros.estimation.elementary import exponential, logarithm
-from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.estimation.sequences import CREST, multisine
 
@@ -52,7 +52,7 @@ def inject(
     delta: Array,
     noise: Array,
     comb: Comb,
-    scratch: Array,
+    work: DitherWork,
     out: DitherBlock,
 ) -> None:
     """Fill ``out`` with the dithers that answer n samples.
@@ -71,70 +71,181 @@ def inject(
         (n, m) independent, zero mean, unit rms; not read where there are multisines.
     comb
         Of the multisines.
-    scratch
-        (5, m + 3).
+    work
+        Scratch.
     out
         Per sample.
     """
-    m = delta.shape[1]
     for k in range(time.shape[0]):
-        alarmed = False
-        for q in range(known.alarm.shape[1]):
-            if known.alarm[k, q] != 0:
-                alarmed = True
-        dt = elapse(x, time[k], law.period, law.stale_after)
-        boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
-        limit = law.limit_boosted if boosted else law.limit_nominal
-        raised = boosted and not boost_ends(law, x)
-        aim = law.limit_boosted if raised else law.limit_nominal
-        square, caps, wave, unsure, three = (
-            scratch[0, :m],
-            scratch[1, :m],
-            scratch[2, :m],
-            scratch[3, :m],
-            scratch[4, :3],
-        )
-        held = min(dt, law.stale_after)
-        gain = 1.0
-        if law.enabled and not law.worst_case:
-            sure = all_known(law, known.b[k], known.variance[k])
-            gain = begin(law, x, sure, known.output[k], delta[k], held, three)
-        finite = weigh_entries(law, x, known.b[k], known.variance[k], square, unsure, three)
-        unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
-        factor = together = 1.0
-        if unit > 0.0:
-            together = enter_window(
-                law, x, known.b[k], known.variance[k], unsure, unit, time[k] - (dt - held), held, three
-            )
-        if dt > law.stale_after or not law.enabled:
-            rest(law, x, time[k] - (dt - held), dt - held)
-            out.level[k] = 3 if law.enabled else 0
-            out.reason[k] = GAP if law.enabled else DISABLED
-            continue
-        out.acceleration_limit[k] = limit
-        out.level[k] = 2 if boosted else 1
-        if not finite:
-            settle(x, 0.0)
-            out.reason[k] = NOT_FINITE
-            continue
-        unexcited = set_caps(law, x, known.b[k], known.variance[k], known.excitation[k], raised, held, caps)
-        out.rms[k], binds = choose(law, x, known.b[k], aim * GRAVITY, square, caps)
-        out.rms[k] *= gain
-        for j in range(m):
-            x.wanted[j] *= gain
-        lowered = relieve(law, x, known.b[k], known.variance[k], alarmed, dt)
-        if unit > 0.0:
-            factor = fill(x, unit * wanted_square(x, square))
-        waves = comb_value(comb, time[k], x.limits[:, CORNER], wave)
-        predicted = send(x, delta[k], noise[k], wave, waves, factor, dt, square, caps, out.delta[k])
-        predicted *= math.sqrt(together)
-        if unit > 0.0:
-            least = unit * (limit * limit) / (aim * aim) if aim > 0.0 else unit
-            hold_back(law, x, known.b[k], unsure, least, delta[k], dt, three, out.delta[k])
-        if law.worst_case:
-            predicted = worst_case(known.b[k], x.wanted, law.rows, law.station)
-        out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
-        out.reason[k] = reason(law, binds, unexcited, lowered)
+        answer(law, x, k, time[k], known, delta[k], noise[k], comb, work, out)
+
+
+@compiled
+def answer(
+    law: Law,
+    x: Effectors,
+    k: int,
+    time: float,
+    known: Knowledge,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    work: DitherWork,
+    out: DitherBlock,
+) -> None:
+    """Answer sample k; as `inject`, of this sample alone."""
+    alarmed = has_alarm(known.alarm[k])
+    dt = elapse(x, time, law.period, law.stale_after)
+    boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
+    limit = limit_of(law, boosted)
+    raised = boosted and not boost_ends(law, x)
+    aim = limit_of(law, raised)
+    held = min(dt, law.stale_after)
+    gain = onset_gain(law, x, k, known, delta, held, work)
+    until = time - (dt - held)
+    finite, unit, together = account(law, x, k, known, limit, until, held, work)
+    if dt > law.stale_after or not law.enabled:
+        rest(law, x, until, dt - held)
+        out.level[k] = 3 if law.enabled else 0
+        out.reason[k] = GAP if law.enabled else DISABLED
+        return
+    out.acceleration_limit[k] = limit
+    out.level[k] = 2 if boosted else 1
+    if not finite:
+        settle(x, 0.0)
+        out.reason[k] = NOT_FINITE
+        return
+    out.rms[k], out.reason[k] = find_rms(law, x, k, known, aim, raised, gain, alarmed, dt, work)
+    least = unit * (limit * limit) / (aim * aim) if unit > 0.0 and aim > 0.0 else unit
+    predicted = command(law, x, time, known.b[k], delta, noise, comb, unit, least, together, dt, work, out.delta[k])
+    out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
+
+
+@compiled
+def has_alarm(alarm: Integers) -> bool:
+    """Whether any row, (r,), has an alarm."""
+    found = False
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0:
+            found = True
+    return found
+
+
+@compiled
+def limit_of(law: Law, boosted: bool) -> float:
+    """Return the limit of the acceleration [g rms]."""
+    return law.limit_boosted if boosted else law.limit_nominal
+
+
+@compiled
+def onset_gain(law: Law, x: Effectors, k: int, known: Knowledge, delta: Array, dt: float, work: DitherWork) -> float:
+    """Return the part of what is wanted that is sent at sample k, see `dither_onset`; 1 by eq 23, or if nothing is."""
+    if not law.enabled or law.worst_case:
+        return 1.0
+    sure = all_known(law, known.b[k], known.variance[k])
+    return begin(law, x, sure, known.output[k], delta, dt, work.axes)
+
+
+@compiled
+def account(
+    law: Law, x: Effectors, k: int, known: Knowledge, limit: float, until: float, dt: float, work: DitherWork
+) -> tuple[bool, float, float]:
+    """Fill in what effects may be at sample k, and enter what was felt in the ``dt`` s until then into the window.
+
+    Returns
+    -------
+    tuple
+        Whether all of B is finite; one over the square of the limit [s^4/m^2], 0 where there is no window; what holding
+        back leaves of the sum of the squares, 0 to 1.
+    """
+    b, variance = known.b[k], known.variance[k]
+    finite = weigh_entries(law, x, b, variance, work.square, work.unsure, work.axes)
+    unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
+    together = 1.0
+    if unit > 0.0:
+        together = enter_window(law, x, b, variance, work.unsure, unit, until, dt, work.axes)
+    return finite, unit, together
+
+
+@compiled
+def find_rms(
+    law: Law,
+    x: Effectors,
+    k: int,
+    known: Knowledge,
+    aim: float,
+    raised: bool,
+    gain: float,
+    alarmed: bool,
+    dt: float,
+    work: DitherWork,
+) -> tuple[float, int]:
+    """Fill in ``x.wanted`` and ``x.relief`` at sample k; return the rms of `choose` and what decides it.
+
+    Parameters
+    ----------
+    law, x, k, known
+        As in `answer`.
+    aim, raised
+        Acceleration that is aimed at [g rms], and whether it is the boosted one.
+    gain
+        Part that is sent, see `onset_gain`.
+    alarmed, dt
+        At this sample; since the last [s].
+    work
+        Scratch, with what effects may be; caps are filled in.
+    """
+    b, variance = known.b[k], known.variance[k]
+    unexcited = set_caps(law, x, b, variance, known.excitation[k], raised, min(dt, law.stale_after), work.caps)
+    rms, binds = choose(law, x, b, aim * GRAVITY, work.square, work.caps)
+    for j in range(x.wanted.shape[0]):
+        x.wanted[j] *= gain
+    lowered = relieve(law, x, b, variance, alarmed, dt)
+    return rms * gain, reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def command(
+    law: Law,
+    x: Effectors,
+    time: float,
+    b: Array,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    unit: float,
+    least: float,
+    together: float,
+    dt: float,
+    work: DitherWork,
+    out: Array,
+) -> float:
+    """Fill in the commands (m,) [rad]; return the acceleration that is predicted of them [m/s^2 rms].
+
+    Parameters
+    ----------
+    law, x, time, b, delta, noise, comb
+        As in `answer`.
+    unit, least
+        One over the square of the limit, by which the window is filled, and of what is aimed at, by which commands are
+        held back [s^4/m^2]; 0: there is no window.
+    together
+        What holding back leaves of the sum of the squares [1].
+    dt
+        Since the last sample [s].
+    work
+        Scratch, with what effects may be and caps.
+    out
+        The commands.
+    """
+    factor = fill(x, unit * wanted_square(x, work.square)) if unit > 0.0 else 1.0
+    waves = comb_value(comb, time, x.limits[:, CORNER], work.wave)
+    predicted = send(x, delta, noise, work.wave, waves, factor, dt, work.square, work.caps, out)
+    if unit > 0.0:
+        hold_back(law, x, b, work.unsure, least, delta, dt, work.axes, out)
+    if law.worst_case:
+        return worst_case(b, x.wanted, law.rows, law.station)
+    return predicted * math.sqrt(together)
 
 
 @compiled
