@@ -11,9 +11,10 @@ from msls_ros.estimation.dither import DitherLaw
 from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
-from msls_ros.estimation.identifier import LARGEST, Identifier, Run
+from msls_ros.estimation.identifier import Identifier, Run
 from msls_ros.estimation.msls import MSLS, RLS
 from msls_ros.estimation.regression import Regression, make_settings
+from msls_ros.estimation.samples import LARGEST
 
 __all__ = [
     "LARGEST",

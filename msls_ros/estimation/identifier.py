@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,20 +23,18 @@ from msls_ros.estimation.dither_inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
+from msls_ros.estimation.followed import Followed
 from msls_ros.estimation.gusts import clear_air, make_air, observe_air
-from msls_ros.estimation.kernel import Array, Integers
-from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
+from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.model import Assembly
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
-from msls_ros.estimation.screening import GROUNDED, HELD, REPEATED, Screen, Screened
-from msls_ros.estimation.soundness import SOUND, all_within
+from msls_ros.estimation.samples import Preparation, Samples, as_block, check_samples
+from msls_ros.estimation.screening import HELD, REPEATED, Screen, Screened, alike
+from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
 
 CHUNK = 4096
 """Samples that `Identifier.run` has memory for at a time."""
-LARGEST = 1e12
-"""Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
 
 
 @dataclass(frozen=True)
@@ -50,22 +48,6 @@ class Run:
     """The estimate that is followed after each sample, block by block; see `Identifier.follow`."""
     signals: list[tuple[Array, Array]]
     """Prediction errors and change statistics (k, r) of each sample, block by block; none where nothing is learnt."""
-
-
-class Samples(NamedTuple):
-    """Samples to learn from, as the compiled loop takes them: k of n states, m effectors, p regressors, r rows."""
-
-    time: Array
-    """(k,) [s]."""
-    x: Array
-    xdot: Array
-    delta: Array
-    """(k, n), (k, n), (k, m)."""
-    phi: Array
-    y: Array
-    """(k, p) and (k, r): what is regressed on what; not filled where nothing is learnt."""
-    out: Output
-    """What the loop says of them."""
 
 
 class Identifier:
@@ -86,8 +68,6 @@ class Identifier:
         c = configuration
         self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
         self._regressors = c.regressors
-        self._forces = find_forces(c.rows, c.known_gravity)
-        self._states = find_states(c.states)
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
@@ -96,9 +76,7 @@ class Identifier:
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
         self._enabled = True
-        self._followed = -1, -1
-        self._turned = -1, 0.0
-        """What of it is known: state and its factor; see `find_rotation`."""
+        self._followed = Followed(c)
         warn_if_interpreted(len(c.regressors), len(c.rows), len(COLOURS) if c.reliability.coloured else 1)
         self.reset()
 
@@ -107,7 +85,7 @@ class Identifier:
         self._learns, self._period = c, self._screen.period
         self._regression = make_engine(c, self._straddle)
         self._assembly = Assembly(c, self._regression)
-        self._defect = make_defect(c.rows, c.sample_rate)
+        self._preparation = Preparation(c, self._regression)
         self._warm: tuple[Array, Array, Array | None] | None = None
 
     def _follow_pace(self) -> None:
@@ -131,11 +109,11 @@ class Identifier:
             self._follow()
         self._regression.reset()
         self._warm = None
-        self._last_followed = 0.0
+        self._followed.last = 0.0
         self._law.reset()
         self._supervisor.reset()
         clear_air(self._air)
-        clear_defect(self._defect)
+        self._preparation.reset()
         self._passed = 0
         """Samples that are not learnt from, or not yet."""
         self._learnt_x: Array | None = None
@@ -187,28 +165,10 @@ class Identifier:
         EstimationError
             For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
         """
-        n, m = len(self.configuration.states), len(self.configuration.effectors)
-        a, b, bias = (np.asarray(v, dtype=np.float64) for v in (a, b, bias))
-        if a.shape != (n, n) or b.shape != (n, m) or bias.shape != (n,):
-            message = (
-                f"a, b, bias of shapes {a.shape}, {b.shape}, {bias.shape}; expected ({n}, {n}), ({n}, {m}), ({n},)"
-            )
-            raise EstimationError(message)
-        kept, seen = self._kept, None
-        if x is not None:
-            x = np.ascontiguousarray(x, dtype=np.float64)
-            moved = np.zeros(m) if delta is None else np.asarray(delta, dtype=np.float64)
-            for name, array, length in (("states x", x, n), ("deflections delta", moved, m)):
-                if array.shape != (length,) or not np.isfinite(array).all():
-                    message = f"{name} of shape {array.shape}; expected ({length},), finite"
-                    raise EstimationError(message)
-            known_a, known_bias = self._assembly.known_at(x)
-            a, bias = a - known_a, bias - known_bias
-            seen = np.concatenate([x[kept], moved, [1.0]])
-        theta = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
+        theta, seen = self._assembly.take_apart(a, b, bias, x, delta)
         self._warm = theta, np.array(covariance, dtype=np.float64), seen
         self._regression.warm_start(*self._warm)
-        self._last_followed = float(self._regression.theta[self._followed])
+        self._followed.read(self._regression.theta)
         self._law.reset()
         self._supervisor.reset()
         self._events = []
@@ -232,8 +192,8 @@ class Identifier:
         self._assembly = Assembly(self._learns, self._regression)
 
     def _follow(self) -> None:
-        self._regression.follow(*self._followed)
-        self._last_followed = float(self._regression.theta[self._followed])
+        self._regression.follow(*self._followed.place)
+        self._followed.read(self._regression.theta)
 
     @property
     def air(self) -> float:
@@ -328,11 +288,12 @@ class Identifier:
 
         As `update` otherwise; `estimate` gives the model when it is wanted.
         """
-        sample = np.array([time], dtype=np.float64), _two(x), _two(xdot), _two(delta)
-        self._check(*sample)
+        sample = np.array([time], dtype=np.float64), as_block(x), as_block(xdot), as_block(delta)
+        check_samples(self.configuration, *sample)
         screened = self._screened(*sample)
         count = 1 if screened.learnt is None else int(screened.learnt[0])
-        self._step(self._prepare(screened), 0, count, int(screened.verdict[0]), sample[0], sample[1], sample[3])
+        samples = self._preparation.prepare(screened, self._enabled)
+        self._step(samples, 0, count, int(screened.verdict[0]), sample[0], sample[1], sample[3])
         self._keep_pace()
         return self._dither
 
@@ -351,16 +312,7 @@ class Identifier:
         EstimationError
             For what is not identified.
         """
-        if row not in self.configuration.rows or column not in self._regressors:
-            message = (
-                f"d{row}/dt by {column} is not identified; rows are {', '.join(self.configuration.rows)}, columns "
-                f"{', '.join(self._regressors)}"
-            )
-            raise EstimationError(message)
-        c = self.configuration
-        self._followed = c.rows.index(row), self._regressors.index(column)
-        source, factor = (find_rotation(c.rows) if c.known_rotation else {}).get(self._followed, (-1, 0.0))
-        self._turned = int(self._kept[source]) if factor else -1, factor
+        self._followed.choose(row, column)
         self._follow()
 
     @property
@@ -392,7 +344,7 @@ class Identifier:
     @property
     def followed(self) -> float:
         """The estimate that is followed, after the last sample."""
-        return self._last_followed
+        return self._followed.last
 
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
         """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
@@ -412,7 +364,7 @@ class Identifier:
             As `update`; nothing has changed then.
         """
         time, x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (time, x, xdot, delta))
-        self._check(time, x, xdot, delta)
+        check_samples(self.configuration, time, x, xdot, delta)
         run = Run([], [], [], [])
         begin = 0
         while begin < len(time):
@@ -423,7 +375,7 @@ class Identifier:
     def _run_chunk(self, run: Run, time: Array, x: Array, xdot: Array, delta: Array, every: int) -> int:
         """Take checked samples, up to `CHUNK` of them, and no more at one pace than there are; return how many."""
         screened = self._screened(time, x, xdot, delta)
-        samples = self._prepare(screened)
+        samples = self._preparation.prepare(screened, self._enabled)
         ends = np.concatenate([[0], np.cumsum([] if screened.learnt is None else screened.learnt)])
         count, start = len(screened.verdict), 0
         while start < count:
@@ -454,20 +406,6 @@ class Identifier:
         if self._screen.idle or not self._enabled:
             return Screened(time, x, xdot, delta, np.zeros(len(time), np.int64), None)
         return self._screen.judge(time, x, xdot, delta)
-
-    def _prepare(self, screened: Screened) -> Samples:
-        """Build the regression of samples, and room for what comes of them."""
-        time, x, xdot, delta = screened[:4]
-        count = len(time)
-        phi, y = np.empty((count, len(self._regressors))), np.empty((count, len(self._kept)))
-        if self._enabled and count > 0:
-            turning = self.configuration.known_rotation
-            build_regression(x, xdot, delta, self._kept, self._forces, self._states, turning, phi, y)
-            if isinstance(self._regression, BankRegression):
-                noise = np.empty((count, 2 * len(self._kept)))
-                observe_defect(self._defect, time, x, xdot, self._kept, noise)
-                self._regression.observe(time, noise)
-        return Samples(time, x, xdot, delta, phi, y, self._regression.make_output(count))
 
     def _step(
         self, samples: Samples, first: int, last: int, verdict: int, time: Array, x: Array, delta: Array
@@ -505,7 +443,7 @@ class Identifier:
             block = self._law.silence(time, NOT_FLYING)
         self._dither = block.at(-1)
         x = np.array([self._believed(one) for one in x])
-        return block, self._with_known(self._regression.values(*self._followed, x, self._kept), x)
+        return block, self._followed_at(x)
 
     def _take(
         self, samples: Samples, start: int, stop: int, answered_time: Array, answered_delta: Array
@@ -531,7 +469,7 @@ class Identifier:
         if not self._enabled:
             block = self._law.silence(time[part])
             self._dither = block.at(-1)
-            return block, self._with_known(self._regression.values(*self._followed, x[part], self._kept), x[part])
+            return block, self._followed_at(x[part])
         if not isinstance(self._regression, BankRegression):
             forgetting = 1.0 - 1.0 / self.configuration.reliability.air_memory
             self._regression.air = observe_air(self._air, time[part], x[part], xdot[part], self._velocities, forgetting)
@@ -560,27 +498,11 @@ class Identifier:
         )
         block = self._law.commands(answered_time, known, answered_delta)
         self._dither = block.at(-1)
-        return block, self._with_known(out.followed[answered], x[answered])
+        return block, self._followed.report(out.followed[answered], x[answered])
 
-    def _with_known(self, followed: Array, x: Array) -> Array:
-        """Return the estimate that is followed, (k,), with what is known of it at the states x, (k, n)."""
-        source, factor = self._turned
-        if factor != 0.0:
-            followed = followed + factor * x[:, source]
-        self._last_followed = float(followed[-1])
-        return followed
-
-    def _check(self, time: Array, x: Array, xdot: Array, delta: Array) -> None:
-        n, m = len(self.configuration.states), len(self.configuration.effectors)
-        for name, array, width in (("x", x, n), ("xdot", xdot, n), ("delta", delta, m)):
-            if array.shape != (len(time), width):
-                message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
-                raise EstimationError(message)
-            if not all_within(array, LARGEST):
-                message = (
-                    f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
-                )
-                raise EstimationError(message)
+    def _followed_at(self, x: Array) -> Array:
+        """Return the estimate that is followed, (k,), as it is at states (k, n) while nothing is learnt."""
+        return self._followed.report(self._regression.values(*self._followed.place, x, self._kept), x)
 
     def _believed(self, x: Array) -> Array:
         """Return states (n,), or those of the last sample learnt from where these are of one that is held."""
@@ -627,15 +549,3 @@ class Identifier:
             events=self.take_events(),
             dither=self._dither,
         )
-
-
-def alike(learnt: Integers, verdict: Integers) -> int:
-    """Return how many samples from the first on can be answered at once: each learnt alone, or none of flight."""
-    if learnt[0] != 1 and verdict[0] != GROUNDED:
-        return 1
-    other = (learnt != learnt[0]) | (verdict != verdict[0])
-    return int(np.argmax(other)) if other.any() else len(learnt)
-
-
-def _two(array: Array) -> Array:
-    return np.ascontiguousarray(array, dtype=np.float64).reshape(1, -1)

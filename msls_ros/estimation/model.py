@@ -28,6 +28,7 @@ from msls_ros.estimation.bank_uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
+from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import add_known, find_known, find_states
 from msls_ros.estimation.reference import moving_air
@@ -311,3 +312,41 @@ class Assembly:
         forgetting = self._forgetting.copy()
         self._fill(r.settings, r.state, self._layout, x, r.noise, self._bank_scratch, model, best, forgetting)
         return model, best, forgetting
+
+    def take_apart(
+        self, a: Array, b: Array, bias: Array, x: Array | None, delta: Array | None
+    ) -> tuple[Array, Array | None]:
+        """Return of a model what is estimated, (r, p), less what physics knows, and the regressor there, (p,).
+
+        Parameters
+        ----------
+        a, b, bias
+            (n, n), (n, m) and (n,): ``xdot = a x + b delta + bias``. Known rows and columns are not read.
+        x, delta
+            (n,) and (m,) at which it stands; None: nothing that physics knows is in it; zero.
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes, or states and deflections that are not finite.
+        """
+        n, m, _ = self._shape
+        a, b, bias = (np.asarray(v, dtype=np.float64) for v in (a, b, bias))
+        if a.shape != (n, n) or b.shape != (n, m) or bias.shape != (n,):
+            message = (
+                f"a, b, bias of shapes {a.shape}, {b.shape}, {bias.shape}; expected ({n}, {n}), ({n}, {m}), ({n},)"
+            )
+            raise EstimationError(message)
+        kept, seen = self._layout.kept, None
+        if x is not None:
+            x = np.ascontiguousarray(x, dtype=np.float64)
+            moved = np.zeros(m) if delta is None else np.asarray(delta, dtype=np.float64)
+            for name, array, length in (("states x", x, n), ("deflections delta", moved, m)):
+                if array.shape != (length,) or not np.isfinite(array).all():
+                    message = f"{name} of shape {array.shape}; expected ({length},), finite"
+                    raise EstimationError(message)
+            known_a, known_bias = self.known_at(x)
+            a, bias = a - known_a, bias - known_bias
+            seen = np.concatenate([x[kept], moved, [1.0]])
+        theta: Array = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
+        return theta, seen

@@ -129,6 +129,14 @@ class Screened(NamedTuple):
     """(k,) how many are learnt at each; None: that one."""
 
 
+def alike(learnt: Integers, verdict: Integers) -> int:
+    """Return how many samples from the first on can be answered at once: each learnt alone, or none of flight."""
+    if learnt[0] != 1 and verdict[0] != GROUNDED:
+        return 1
+    other = (learnt != learnt[0]) | (verdict != verdict[0])
+    return int(np.argmax(other)) if other.any() else len(learnt)
+
+
 class Screen:
     """Say of samples which are learnt from, and when.
 

@@ -1,0 +1,94 @@
+"""Samples as the compiled loop takes them: checked, and with the regression that is built of them."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.engine import Engine
+from msls_ros.estimation.errors import EstimationError
+from msls_ros.estimation.kernel import Array
+from msls_ros.estimation.kinematics import build_regression, find_forces, find_states
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.screening import Screened
+from msls_ros.estimation.soundness import all_within
+from msls_ros.estimation.state import Output
+
+LARGEST = 1e12
+"""Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
+
+
+class Samples(NamedTuple):
+    """Samples to learn from, as the compiled loop takes them: k of n states, m effectors, p regressors, r rows."""
+
+    time: Array
+    """(k,) [s]."""
+    x: Array
+    xdot: Array
+    delta: Array
+    """(k, n), (k, n), (k, m)."""
+    phi: Array
+    y: Array
+    """(k, p) and (k, r): what is regressed on what; not filled where nothing is learnt."""
+    out: Output
+    """What the loop says of them."""
+
+
+class Preparation:
+    """Builds the regression of samples, one block after the other.
+
+    Parameters
+    ----------
+    configuration
+        Names, and the rate of the samples that are learnt from.
+    engine
+        That learns from them.
+    """
+
+    def __init__(self, configuration: Configuration, engine: Engine) -> None:
+        """Find the places of everything; see the class."""
+        c = configuration
+        self._engine = engine
+        self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
+        self._regressors = len(c.regressors)
+        self._forces = find_forces(c.rows, c.known_gravity)
+        self._states = find_states(c.states)
+        self._turning = c.known_rotation
+        self._defect = make_defect(c.rows, c.sample_rate)
+
+    def reset(self) -> None:
+        """Forget the samples before."""
+        clear_defect(self._defect)
+
+    def prepare(self, screened: Screened, learnt: bool) -> Samples:
+        """Build the regression of samples, where they are learnt from, and room for what comes of them."""
+        time, x, xdot, delta = screened[:4]
+        count = len(time)
+        phi, y = np.empty((count, self._regressors)), np.empty((count, len(self._kept)))
+        if learnt and count > 0:
+            build_regression(x, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)
+            if isinstance(self._engine, BankRegression):
+                noise = np.empty((count, 2 * len(self._kept)))
+                observe_defect(self._defect, time, x, xdot, self._kept, noise)
+                self._engine.observe(time, noise)
+        return Samples(time, x, xdot, delta, phi, y, self._engine.make_output(count))
+
+
+def check_samples(c: Configuration, time: Array, x: Array, xdot: Array, delta: Array) -> None:
+    """Raise EstimationError for samples of wrong shapes, or that hold numbers that are not finite or too large."""
+    n, m = len(c.states), len(c.effectors)
+    for name, array, width in (("x", x, n), ("xdot", xdot, n), ("delta", delta, m)):
+        if array.shape != (len(time), width):
+            message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
+            raise EstimationError(message)
+        if not all_within(array, LARGEST):
+            message = f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
+            raise EstimationError(message)
+
+
+def as_block(sample: Array) -> Array:
+    """Return one sample, (n,), as a block of one, (1, n)."""
+    return np.ascontiguousarray(sample, dtype=np.float64).reshape(1, -1)
