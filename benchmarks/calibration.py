@@ -32,7 +32,7 @@ from benchmarks.servo_beds import servo_beds
 from benchmarks.whole_beds import whole_beds
 from msls_ros.estimation import Configuration, Estimate, EventKind, FaultEvent, Identifier
 from msls_ros.estimation.kernel import Array
-from msls_ros.flights.judging import belongs, exposed
+from msls_ros.flights.judging import Span, belongs, exposed
 from msls_ros.flights.scenarios import Scenario
 from msls_ros.inputs.derivatives import usual_intervals
 
@@ -84,6 +84,7 @@ def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Confi
     aloft = float(np.isfinite(flight.truth_b).all(axis=(1, 2)).mean())
     late = 0.5 * straddle / rate  # a window's stamp is its middle: it has seen what comes after
     seen = [time + late for time, _ in alarms]
+    false = [t for t in seen if not any(belongs(t, span) for span in spans) and flies(flight, t)]
     return {
         "bed": bed.name,
         "group": bed.group,
@@ -93,10 +94,17 @@ def judge(bed: Bed, seed: int, flight: Recorded, path: str, configuration: Confi
         "faults": len(spans),
         "detected": sum(any(belongs(time, span) for time in seen) for span in spans),
         "seen_within_half": sum(any(0.0 < time - span[0] <= 0.5 for time in seen) for span in spans),
-        "false_alarms": sum(not any(belongs(time, span) for span in spans) for time in seen if flies(flight, time)),
+        "false_alarms": len(false),
+        "late_alarms": sum(is_late(time, spans, seen) for time in false),
         "exposed_s": aloft * exposed(spans, float(flight.time[-1])),
         "isolations": [judge_name(bed.scenario, flight, e) for e in events if e.kind == EventKind.ISOLATED],
     }
+
+
+def is_late(time: float, spans: Sequence[Span], alarms: Sequence[float]) -> bool:
+    """Whether an alarm that belongs to no fault [s] comes after one that no alarm before it belongs to."""
+    earlier = [alarm for alarm in alarms if alarm < time]
+    return any(span[0] < time and not any(belongs(alarm, span) for alarm in earlier) for span in spans)
 
 
 def count(
@@ -247,6 +255,7 @@ def summarise_cell(rows: Sequence[Row]) -> Row:
         "seen_within_half": sum(row["seen_within_half"] for row in rows),
         "faults": sum(row["faults"] for row in rows),
         "false_alarms": sum(row["false_alarms"] for row in rows),
+        "late_alarms": sum(row["late_alarms"] for row in rows),
         "false_alarms_per_hour": sum(row["false_alarms"] for row in rows) / hours if hours else None,
     }
 
@@ -326,8 +335,8 @@ def render(result: Row) -> str:
             f"names: right {cell['named_right']}, silent {cell['silent']} of {cell['broken']} broken, wrong "
             f"{cell['named_wrong']} of {cell['flights']}; share left within 1.96: "
             f"{'-' if within is None else f'{within:.2f}'}. Alarms: {cell['detected']} of {cell['faults']} faults "
-            f"({cell['seen_within_half']} within 0.5 s), false {cell['false_alarms']}, "
-            f"{cell['false_alarms_per_hour']:.1f} an hour"
+            f"({cell['seen_within_half']} within 0.5 s), false {cell['false_alarms']}, of which late "
+            f"{cell['late_alarms']}, {cell['false_alarms_per_hour']:.1f} an hour"
         )
     return "\n".join(lines)
 

@@ -8,18 +8,18 @@ chi^2_l / l); the largest counts::
 
     T = max_l  mean_l( u_k / ((1 + d_k) n_k) ) / q_l / ( max(base, mean_l moved_k) + floor^2 energy )
 
-An alarm is ``T > threshold``. ``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2``
-what the standard errors of the estimates allow the motion h of the last tenth of a second (`BankState.quick`) to be
-mispredicted by, at the time of each error: that the motion has ended excuses its errors no less. ``energy`` is what the
-output had when it was excited (`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the
-quiet before the next one. What is mispredicted while nothing moves is no model error, so the floor can be low. ``d`` is
-that of the reference member, the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it:
-what is excited for the first time cannot be called changed; it is learnt: no alarm for a second after a regressor goes
-five times as far as ever before. Of an effector that no output has answered yet (`bank_attenuation.doubt`) nothing is
-known: where it goes five times as far as in the last seconds its errors excuse whatever it does, and where it goes two
-and a half times as far an alarm waits for the next sample. Where one goes twice as far as usual, the error that its own
-standard error allows is added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise
-level enters anywhere.
+An alarm is ``T > threshold``; of the row of u, where no other alarms, with what drag may do allowed for (`bank_drag`).
+``base`` is the mean of u older than the longest window, ``moved = sum se_i^2 h_i^2`` what the standard errors of the
+estimates allow the motion h of the last tenth of a second (`BankState.quick`) to be mispredicted by, at the time of
+each error: that the motion has ended excuses its errors no less. ``energy`` is what the output had when it was excited
+(`bank_energy`): model errors go with the manoeuvre, and the floor does not fade in the quiet before the next one. What
+is mispredicted while nothing moves is no model error, so the floor can be low. ``d`` is that of the reference member,
+the longest memory, and ``n`` by how much a regressor exceeds all that was seen of it: what is excited for the first
+time cannot be called changed; it is learnt: no alarm for a second after a regressor goes five times as far as ever
+before. Of an effector that no output has answered yet (`bank_attenuation.doubt`) nothing is known: where it goes five
+times as far as in the last seconds its errors excuse whatever it does, and where it goes two and a half times as far an
+alarm waits for the next sample. Where one goes twice as far as usual, the error that its own standard error allows is
+added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
@@ -54,6 +54,7 @@ import math
 
 from msls_ros.estimation.bank_attenuation import doubt
 from msls_ros.estimation.bank_delay import deflection_of
+from msls_ros.estimation.bank_drag import drag_square
 from msls_ros.estimation.bank_effector_noise import observe_answer, observe_entry, rounding_noise
 from msls_ros.estimation.bank_energy import FIRST, observe_novelty
 from msls_ros.estimation.bank_fed_noise import observe_followers
@@ -113,6 +114,7 @@ def sense_bank(
     novelty = observe_novelty(s, x, phi)
     learning = x.learning[0] > 0 or begins_to_move(s, x)
     expected = 1.0
+    axial = 0.0
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
     for q in range(y.shape[0]):
         keep_predictors(x, q)
@@ -152,34 +154,46 @@ def sense_bank(
         signed = (sharp if square < error * error else error) / math.sqrt(expected)
         moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
         moved += rounding_square(s, x, q) + timing_square(s, x, q)
+        excused = moved + drag_square(s, x) if q == s.axial else moved
+        alone = 0.0
         armed = x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest
         if armed:
-            statistic[q] = change_of(s, x, q, surprise, moved, unknown)
+            statistic[q] = change_of(s, x, q, surprise, moved, unknown, x.allowed[q])
             if s.differenced[q] != 0:
                 statistic[q] = max(statistic[q], mean_change_of(s, x, q, signed, moved, unknown))
-        limit = s.threshold if x.alert[0] == 0 else LIKELY * s.threshold
-        if statistic[q] > limit and not learning:
+            alone = statistic[q] if q != s.axial else change_of(s, x, q, surprise, excused, unknown, x.excused)
+        axial = alone if q == s.axial else axial
+        joins = x.alert[0] > 0 and statistic[q] > LIKELY * s.threshold
+        if (alone > s.threshold or joins) and not learning:
             alarm[q] = 1
             any_alarm = True
         else:
             if s.differenced[q] != 0 and x.counted[q] >= 0:
                 remember_mean(s, x, q, signed)
             remember_square(s, x, q, square, smaller, surprise, moved)
+            if q == s.axial and x.counted[q] > 0:
+                x.excused[(x.counted[q] - 1) % x.excused.shape[0]] = excused
     if x.alert[0] > 0:
         x.alert[0] -= 1
-        return any_alarm
-    if not any_alarm and not learning:
-        above = 0
-        share = PAIR if s.straddle == 0 else SMOOTHED_PAIR
-        for q in range(y.shape[0]):
-            above += 1 if statistic[q] > share * s.threshold else 0
-        any_alarm = above > 1
-    if any_alarm:
+    elif any_alarm or (not learning and is_pair(s, statistic)):
+        any_alarm = True
         x.alert[0] = x.ring.shape[1]
         for q in range(y.shape[0]):
             if statistic[q] > LIKELY * s.threshold:
                 alarm[q] = 1
+    if s.axial >= 0 and alarm[s.axial] == 0:
+        statistic[s.axial] = axial
     return any_alarm
+
+
+@compiled
+def is_pair(s: BankSettings, statistic: Array) -> bool:
+    """Whether two rows at least are so far above what is usual that both alarm: (r,) statistics."""
+    above = 0
+    share = PAIR if s.straddle == 0 else SMOOTHED_PAIR
+    for q in range(statistic.shape[0]):
+        above += 1 if statistic[q] > share * s.threshold else 0
+    return above > 1
 
 
 @compiled
@@ -285,10 +299,13 @@ def moved_square(s: BankSettings, x: BankState, q: int) -> float:
 
 
 @compiled
-def change_of(s: BankSettings, x: BankState, q: int, surprise: float, moved: float, unknown: float) -> float:
+def change_of(
+    s: BankSettings, x: BankState, q: int, surprise: float, moved: float, unknown: float, past: Array
+) -> float:
     """Return the statistic of row q, armed, with the squared error of now and what the motion of now allows of it.
 
-    The error of an estimate is the same in all samples of a window, it does not average: its quantile is that of one.
+    ``past`` (w,) is what it allowed in the samples before. The error of an estimate is the same in all samples of a
+    window, it does not average: its quantile is that of one.
     """
     size = x.ring.shape[1]
     total = surprise
@@ -301,7 +318,7 @@ def change_of(s: BankSettings, x: BankState, q: int, surprise: float, moved: flo
         while taken < s.windows[i]:
             slot = (x.counted[q] - taken) % size
             total += x.surprise[q, slot]
-            allowed += x.allowed[q, slot]
+            allowed += past[slot]
             taken += 1
         nominal = max(usual, allowed / s.windows[i]) + floor
         limit = nominal * s.quantiles[q, i] + unknown * s.quantiles[q, 0]

@@ -90,6 +90,8 @@ class BankSettings(NamedTuple):
     """(p,) with which power of it, constant first."""
     place: float
     """Gain per sample of their means."""
+    axial: int
+    """Row of the axial velocity u, in which surfaces make drag, see `bank_drag`; negative: none."""
     rates: Integers
     """(w,) which regressors are the angular rates about the body's axes, constant first; all three or none."""
     coupled: Integers

@@ -47,6 +47,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank_drag import is_drag
 from msls_ros.estimation.bank_effector_noise import resting_noise, slow_noise
 from msls_ros.estimation.bank_loop_settings import BankSettings
 from msls_ros.estimation.bank_loss_noise import OUTLIER, find_whitening, observe_sums
@@ -234,7 +235,7 @@ def compare_surfaces(
         Largest relative standard error of an effect that counts [1].
     scattered
         Whether what no loss explains of a row's change counts as noise, where it is more; and, through a window, what
-        of it may be errors of effects that were not known.
+        of it may be errors of effects that were not known; and whether drag says nothing (`bank_drag`).
     work
         ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
@@ -284,7 +285,8 @@ def compare_surfaces(
         excess += changed / n - 0.5 * (p - 1 - taken)
         explain_by_states(s, n, work)
         for k in range(s.gains.shape[0]):
-            compare_row(s, x, a, n, before, square, q, k, known, work)
+            if not (scattered and is_drag(s, x, q, k)):
+                compare_row(s, x, a, n, before, square, q, k, known, work)
     for k in range(s.gains.shape[0]):
         combine_rows(work, k, 1.0)
         combine_rows(work, k, max(1.0 + work.change[k], 0.0))

@@ -98,7 +98,8 @@ and through windows: no false alarm of these tests; 9 with 4.5 for three tests. 
 812, others 1 and 811): 127 seen within 3 s both ways, 109 instead of 112 within one. Of 3.5 to 4.3 for 8 to 15 tests at
 50 Hz beside 5 to 7 for 3 to 6 none has both fewer false alarms and more losses seen, nor have limits of the sum of z^2.
 
-Shorter ones make more tests a second, and need more each: docs/method_bank.md, "Losses that only dither shows".
+Shorter ones make more tests a second, and need more each: docs/bank_history.md, "Losses that only dither shows: short
+memories".
 """
 WALK, NOISE_MEMORY = 0.3, 30.0
 """Walk of the constant, and memory of the member whose innovations say what noise is [s], where inputs have passed a
@@ -206,6 +207,7 @@ def make_bank_settings(
     counts: Sequence[int] | None = None,
     effectors: tuple[int, int] = (0, 0),
     velocities: Sequence[int] = (),
+    axial: int = -1,
     exponents: Sequence[int] = (),
     rates: Sequence[int] = (),
     turning: Mapping[tuple[int, int], tuple[int, float]] | None = None,
@@ -238,6 +240,8 @@ def make_bank_settings(
         have a delay of their own (`bank_delay`). None: all rows have one.
     velocities
         Which regressors are velocities: they say where in the envelope a number was known.
+    axial
+        Row of the axial velocity, of the same index; negative: none.
     exponents
         (p - 1,) with which power of airspeed each effect goes; empty: all stay what they are.
     rates
@@ -311,6 +315,7 @@ def make_bank_settings(
         scaled=any(exponents),
         exponent=np.array([0, *(exponents or [0] * (len(scale) - 1))], np.int64),
         place=min(period / PLACE, 1.0),
+        axial=axial,
         rates=np.array(rates, np.int64) + 1,
         coupled=_coupled(rates, len(scale)),
         turning=_by_regressor({place: source + 1.0 for place, (source, _) in parts.items()}, len(scale)).astype(
@@ -494,6 +499,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         differenced=[i for i, name in enumerate(c.rows) if name in RATES],
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
+        axial=c.rows.index("u") if "u" in c.rows else -1,
         exponents=_exponents(c),
         rates=[c.rows.index(name) for name in "PQR"] if set("PQR") <= set(c.rows) else (),
         turning=find_rotation(c.rows) if c.known_rotation else None,

@@ -54,6 +54,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
         allowed=np.zeros((rows, w)),
+        excused=np.zeros(w),
         signed=np.zeros((rows, w)),
         mean_square=np.zeros((rows, len(s.windows), w)),
         mean_base=np.zeros((rows, 2 + len(s.windows))),

@@ -84,6 +84,8 @@ class BankState(NamedTuple):
     """(r, w) the same, or the mixture's if smaller, over 1 + d of the reference member and what is new."""
     allowed: Array
     """(r, w) what its standard errors allowed the motion to be mispredicted by, squared."""
+    excused: Array
+    """(w,) the same of the row of u, with what drag may do."""
     signed: Array
     """(r, w) the prediction errors whose squares these are, of differenced rows."""
     mean_square: Array

@@ -166,8 +166,9 @@ class Identifier:
             For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
         """
         theta, seen = self._assembly.take_apart(a, b, bias, x, delta)
-        self._warm = theta, np.array(covariance, dtype=np.float64), seen
-        self._regression.warm_start(*self._warm)
+        warm = theta, np.array(covariance, dtype=np.float64), seen
+        self._regression.warm_start(*warm)
+        self._warm = warm
         self._followed.read(self._regression.theta)
         self._law.reset()
         self._supervisor.reset()

@@ -54,6 +54,19 @@ def test_a_time_belongs_to_one_phase(since: float, time: float, alarms: list[flo
     assert calibration.phase_of(since, time, alarms, still) == phase
 
 
+@pytest.mark.parametrize(
+    ("time", "alarms", "late"),
+    [
+        (52.0, [52.0], True),  # nothing had seen the fault of 50 s before
+        (52.0, [50.4, 52.0], False),  # it had been seen
+        (52.0, [20.0, 52.0], True),  # an alarm before the fault has not seen it
+        (20.0, [20.0, 52.0], False),
+    ],
+)
+def test_an_alarm_is_late_after_a_fault_that_none_has_seen(time: float, alarms: list[float], late: bool) -> None:
+    assert calibration.is_late(time, [(50.0, 50.0)], alarms) is late
+
+
 def test_quiet_is_where_no_rate_has_moved_for_a_second() -> None:
     still = calibration.find_quiet(recorded())
     assert not still[20:200].any() and not still[210] and still[260:].all()

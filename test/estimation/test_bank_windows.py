@@ -92,9 +92,9 @@ def test_errors_that_the_motion_allowed_are_allowed_when_it_has_ended() -> None:
     state.remembered[0] = state.allowed[0] = 0.0
     usual = state.base[0, 2] / state.base[0, 1]
     state.surprise[0] = 30.0 * usual
-    still = change_of(s, state, 0, 30.0 * usual, 0.0, 0.0)
+    still = change_of(s, state, 0, 30.0 * usual, 0.0, 0.0, state.allowed[0])
     state.allowed[0] = 30.0 * usual
-    assert still > s.threshold > 1.0 > change_of(s, state, 0, 30.0 * usual, 0.0, 0.0)
+    assert still > s.threshold > 1.0 > change_of(s, state, 0, 30.0 * usual, 0.0, 0.0, state.allowed[0])
 
 
 def test_a_loss_that_noise_hides_sample_by_sample_is_seen_in_the_mean() -> None:

@@ -58,6 +58,16 @@ def test_a_warm_start_without_a_covariance_is_refused_and_changes_nothing() -> N
     assert np.array_equal(identifier.estimate(1.0, np.zeros(2)).b, before)
 
 
+def test_what_a_warm_start_has_refused_is_not_begun_from_when_the_rate_changes() -> None:
+    identifier = Identifier(configuration())
+    time, x, xdot, delta = samples(200)
+    rate = identifier.learning_rate
+    with pytest.raises(EstimationError, match="must be"):
+        identifier.warm_start(A, B, BIAS, -np.eye(5))
+    identifier.run(2.0 * time, x, xdot, delta)
+    assert identifier.learning_rate == pytest.approx(0.5 * rate)
+
+
 def test_frozen_it_learns_nothing_and_injects_nothing() -> None:
     identifier = Identifier(configuration())
     time, x, xdot, delta = samples(100)
