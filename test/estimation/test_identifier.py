@@ -59,7 +59,7 @@ def test_a_warm_start_without_a_covariance_is_refused_and_changes_nothing() -> N
 
 
 def test_what_a_warm_start_has_refused_is_not_begun_from_when_the_rate_changes() -> None:
-    identifier = Identifier(configuration())
+    identifier = Identifier(configuration(**{"estimator.method": "bank"}))
     time, x, xdot, delta = samples(200)
     rate = identifier.learning_rate
     with pytest.raises(EstimationError, match="must be"):
