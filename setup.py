@@ -8,7 +8,7 @@ from setuptools import setup
 
 NAME = "msls_ros"
 ROOMS = [
-    *("estimation", "plant", "bags", "report", "fleet"),
+    *("estimation", "estimation.bank", "estimation.dither", "plant", "bags", "report", "fleet"),
     *("inputs", "control", "flights", "offline", "campaigns", "paper", "nodes", "commands"),
 ]
 # Each is msls_ros/commands/NAME.py with a main().

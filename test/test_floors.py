@@ -138,6 +138,23 @@ def test_a_room_has_its_own_dependency_and_no_other(room: str) -> None:
                 assert name.partition(".")[0] in allowed, f"{path.name}:{node.lineno} imports {name}"
 
 
+def test_folders_of_a_room_know_nothing_of_each_other_nor_of_what_calls_them() -> None:
+    """Each stands on files of its room that know of no folder."""
+    found: dict[Path, set[Path]] = {}
+    for _, path in files():
+        found[path] = {one for name, _ in imports(path) if (one := module_file(name)) and one.name != "__init__.py"}
+    inner = [path for path in found if len(path.relative_to(PACKAGE).parts) > 2]
+    assert {path.parent.name for path in inner} == {"bank", "dither"}
+    for path in inner:
+        todo, known = list(found[path]), set[Path]()
+        while todo:
+            one = todo.pop()
+            assert one.parent == path.parent or one not in inner, f"{path} knows {one}"
+            if one.parent != path.parent:
+                todo += found[one] - known
+                known |= found[one]
+
+
 def test_no_circle_is_anywhere() -> None:
     edges: dict[Path, set[Path]] = {}
     for _, path in files():
@@ -192,4 +209,5 @@ def test_a_room_of_the_ground_floor_runs_with_nothing_of_the_others_installed(ro
 def test_every_room_is_installed() -> None:
     declared = re.search(r"^ROOMS = \[(.*?)\]", (PACKAGE.parent / "setup.py").read_text(encoding="utf-8"), re.M | re.S)
     assert declared is not None
-    assert set(re.findall(r'"(\w+)"', declared.group(1))) == set(BELOW)
+    folders = {".".join(path.relative_to(PACKAGE).parent.parts) for _, path in files() if path.parent != PACKAGE}
+    assert set(re.findall(r'"([\w.]+)"', declared.group(1))) == folders

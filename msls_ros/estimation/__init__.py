@@ -8,7 +8,7 @@ aircraft; then `kernel` (one update of a factor), `rows` (equations that share a
 
 from msls_ros.estimation.configuration import Configuration, from_mapping
 from msls_ros.estimation.dither import DitherLaw
-from msls_ros.estimation.dither_answer import Dither, DitherBlock, Level
+from msls_ros.estimation.dither.answer import Dither, DitherBlock, Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, EventKind, FaultEvent
 from msls_ros.estimation.identifier import Identifier, Run

@@ -67,7 +67,7 @@ class Locator:
     def __init__(self, function: Any, file: str) -> None:
         """Note where; see the class."""
         self._line, self._py_file = function.__code__.co_firstlineno, file
-        self._folder = _cache_folder(Path(file).parent)
+        self._folder = _cache_folder(_room_of(file))
 
     @classmethod
     def from_function(cls, function: Any, file: str) -> Locator | None:
@@ -103,8 +103,8 @@ class Locator:
         return self._folder.name
 
     def get_disambiguator(self) -> str:
-        """Return what tells kernels of one name in one file apart: the first line."""
-        return str(self._line)
+        """Return what tells kernels of one name, in files of one name, apart: the file's folder and the first line."""
+        return f"{Path(self._py_file).parent.name}{self._line}"
 
 
 class Kernel:
@@ -136,7 +136,7 @@ class Kernel:
         """What Python calls: of numba; it is kept on disk, with all that it calls."""
         changes = {"CACHE_LOCATOR_CLASSES": f"{__name__}.{Locator.__name__}"}
         if not hasattr(_numba().config, "CACHE_LOCATOR_CLASSES"):  # numba before 0.62: clones do not share
-            changes = {"CACHE_DIR": str(_cache_folder(Path(inspect.getfile(self._function)).parent))}
+            changes = {"CACHE_DIR": str(_cache_folder(_room_of(inspect.getfile(self._function))))}
         options = {**self._options, "forceinline": False}  # into its wrapper: it would be compiled twice
         with _settings(changes):
             try:
@@ -204,7 +204,7 @@ def _compile(function: Callable[..., Any], whole: Callable[[Any], Any], signatur
 def _turn(function: Callable[..., Any]) -> Iterator[None]:
     """Wait while another process compiles this kernel: it will be loaded then."""
     try:
-        folder = _cache_folder(Path(inspect.getfile(function)).parent)
+        folder = _cache_folder(_room_of(inspect.getfile(function)))
         turn = os.open(folder / f"{function.__name__}.turn", os.O_RDWR | os.O_CREAT, 0o666)
     except (OSError, RuntimeError):  # nothing is kept: there is nothing to wait for
         yield
@@ -277,6 +277,12 @@ def prune(folder: Path) -> None:
         shutil.rmtree(one, ignore_errors=True)
 
 
+def _room_of(file: str) -> Path:
+    """Return the folder of the room that a file is in; of this one also where it is in a folder of it."""
+    here, folder = Path(__file__).parent, Path(file).parent
+    return here if here in folder.parents else folder
+
+
 @functools.cache
 def _cache_folder(room: Path) -> Path:
     """Return the folder of a room's kernels: in numba's own setting, else the user's cache, by hash of the sources.
@@ -285,8 +291,9 @@ def _cache_folder(room: Path) -> Path:
     """
     digest = hashlib.sha256(f"{metadata.version('numba')} {metadata.version('llvmlite')}".encode())
     for folder in (Path(__file__).parent, room):
-        for source in sorted(folder.glob("*.py")):
-            digest.update(source.name.encode() + b"\0" + source.read_bytes() + b"\0")
+        for source in sorted(folder.rglob("*.py")):
+            name = source.relative_to(folder).as_posix()
+            digest.update(name.encode() + b"\0" + source.read_bytes() + b"\0")
     base = _numba().config.CACHE_DIR or os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache"
     return Path(base) / "msls_ros" / f"{room.name}-{digest.hexdigest()[:16]}"
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import bank_settings
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.settings import bank_settings
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.regression import Regression
 from msls_ros.estimation.settings import loop_settings

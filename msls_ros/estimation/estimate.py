@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation.dither_answer import Dither
+from msls_ros.estimation.dither.answer import Dither
 from msls_ros.estimation.kernel import Array
 
 Flags = NDArray[np.bool_]

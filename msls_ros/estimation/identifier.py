@@ -14,12 +14,12 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.dither import DitherLaw
-from msls_ros.estimation.dither_answer import NOT_FLYING, Dither, DitherBlock, Level
-from msls_ros.estimation.dither_inputs import Knowledge
+from msls_ros.estimation.dither.answer import NOT_FLYING, Dither, DitherBlock, Level
+from msls_ros.estimation.dither.inputs import Knowledge
 from msls_ros.estimation.engine import make_engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.estimate import Estimate, FaultEvent
@@ -158,7 +158,7 @@ class Identifier:
             None: they hold none of it.
         delta
             (m,) deflections there: what the speed makes of their effects stands in the derivatives by velocities
-            (`bank_speed`); None: zero.
+            (`bank.speed`); None: zero.
 
         Raises
         ------

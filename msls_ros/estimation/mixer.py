@@ -27,7 +27,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.dither_answer import Level
+from msls_ros.estimation.dither.answer import Level
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.kernel import Array
 

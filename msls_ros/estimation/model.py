@@ -7,7 +7,7 @@ decide enough of it and its standard error is small for its size::
     rho >= excitation   and   error <= max( relative_error |theta|, tolerance / scale )
 
 The bank has no rho. The size of an effect is there what it was when it was last known to a fifth, if that is more: that
-an effector is dead is known when the error is small against what it did (`bank_uncertainty.observe_answers`).
+an effector is dead is known when the error is small against what it did (`bank.uncertainty.observe_answers`).
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from msls_ros.estimation.bank_attenuation import doubt
-from msls_ros.estimation.bank_loop_settings import BankSettings
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_rows import excitation_of
-from msls_ros.estimation.bank_speed import power_of, published_value, seen_at, slope_by_speed
-from msls_ros.estimation.bank_state import BankState
-from msls_ros.estimation.bank_uncertainty import bank_errors
+from msls_ros.estimation.bank.attenuation import doubt
+from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.rows import excitation_of
+from msls_ros.estimation.bank.speed import power_of, published_value, seen_at, slope_by_speed
+from msls_ros.estimation.bank.state import BankState
+from msls_ros.estimation.bank.uncertainty import bank_errors
 from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine

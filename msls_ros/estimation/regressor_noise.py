@@ -8,7 +8,7 @@ coloured, or a gust that moves the air data and not the aircraft::
     D_k = x_k - x_(k-L) - sum (xdot_j + xdot_(j-1)) dt/2,      sigma_x^2 = 1/2 var D
 
 About its mean: an accelerometer's bias is no gust; and about what goes with the change of xdot over the window: a state
-that is measured a moment after its derivative is not noisy. `bank_attenuation` says what follows for estimates.
+that is measured a moment after its derivative is not noisy. `bank.attenuation` says what follows for estimates.
 
 Until a first window is full, all that the state has done may be noise: its variance counts.
 

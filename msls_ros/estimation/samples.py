@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.errors import EstimationError

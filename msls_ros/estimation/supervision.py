@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank_isolation import SLOW, Decision, Name, find_name
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import LOSSES, THRESHOLD
+from msls_ros.estimation.bank.isolation import SLOW, Decision, Name, find_name
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.settings import LOSSES, THRESHOLD
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.estimate import EventKind, FaultEvent

@@ -16,7 +16,7 @@ from msls_ros import messages, records
 from msls_ros.bags import MessageTemplate
 from msls_ros.estimation import Configuration, Dither, Estimate, Level
 from msls_ros.estimation import FaultEvent as Event
-from msls_ros.estimation.dither_answer import REASONS
+from msls_ros.estimation.dither.answer import REASONS
 from msls_ros.nodes.quality import overriding
 
 

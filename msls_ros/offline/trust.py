@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import Configuration
-from msls_ros.estimation.bank_loop_settings import BankSettings
-from msls_ros.estimation.bank_settings import bank_settings
-from msls_ros.estimation.bank_speed import FASTEST, SLOWEST, power_of, raise_regressors, speed_of, value_at
+from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.settings import bank_settings
+from msls_ros.estimation.bank.speed import FASTEST, SLOWEST, power_of, raise_regressors, speed_of, value_at
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_rotation, find_states
 from msls_ros.offline.recompute import Recomputed
 from msls_ros.report.knowledge import gather_knowledge

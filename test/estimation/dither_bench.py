@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from msls_ros.estimation import Configuration, DitherBlock, DitherLaw, from_mapping
-from msls_ros.estimation.dither_inputs import Knowledge
+from msls_ros.estimation.dither.inputs import Knowledge
 from msls_ros.estimation.kernel import Array
 
 M = 7

@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import EstimationError, EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import bank_grid, make_bank_settings
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.settings import bank_grid, make_bank_settings
 from msls_ros.estimation.compiled import HAVE_NUMBA, compiled
 from msls_ros.estimation.elementary import exponential, logarithm
 from msls_ros.estimation.kernel import Array

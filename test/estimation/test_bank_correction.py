@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.inputs.derivatives import usual_intervals

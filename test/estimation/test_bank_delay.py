@@ -7,7 +7,7 @@ import pytest
 from estimation.test_bank import SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.inputs.derivatives import interval_weights
 
 STEP = 0.002

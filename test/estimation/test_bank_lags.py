@@ -9,11 +9,11 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_lags import known_effect, lag_square, shift_estimates
-from msls_ros.estimation.bank_losses import keep_reference
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_settings import bank_settings
-from msls_ros.estimation.bank_uncertainty import PARTED, square_of_change
+from msls_ros.estimation.bank.lags import known_effect, lag_square, shift_estimates
+from msls_ros.estimation.bank.losses import keep_reference
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.settings import bank_settings
+from msls_ros.estimation.bank.uncertainty import PARTED, square_of_change
 from msls_ros.estimation.kernel import Array
 
 EFFECT = 8.0

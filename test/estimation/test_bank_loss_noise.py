@@ -9,9 +9,9 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import Identifier, from_mapping
-from msls_ros.estimation.bank_loss_noise import BEGUN, find_whitening, noise_over, observe_sums
-from msls_ros.estimation.bank_losses import KNOWN_WELL, compare_surfaces
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.loss_noise import BEGUN, find_whitening, noise_over, observe_sums
+from msls_ros.estimation.bank.losses import KNOWN_WELL, compare_surfaces
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.inputs.derivatives import DerivativeFilter
 
 INTERVALS = 4

@@ -10,9 +10,9 @@ from estimation.test_bank import PERIOD, SMALL
 from estimation.test_bank_loss_noise import INTERVALS, TRUTH, engine_of, fly
 
 from msls_ros.estimation import Identifier, from_mapping
-from msls_ros.estimation.bank_loss_reference import discount_reference, whiten
-from msls_ros.estimation.bank_losses import KNOWN_WELL, compare_surfaces, find_loss
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.loss_reference import discount_reference, whiten
+from msls_ros.estimation.bank.losses import KNOWN_WELL, compare_surfaces, find_loss
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
 
 FIRST = 4

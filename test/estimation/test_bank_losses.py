@@ -9,9 +9,9 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, FaultEvent, Identifier, from_mapping
-from msls_ros.estimation.bank_forgetting import apply_loss, forget_direction, mean_deflection
-from msls_ros.estimation.bank_isolation import Decision, Losses, Name, find_name
-from msls_ros.estimation.bank_losses import (
+from msls_ros.estimation.bank.forgetting import apply_loss, forget_direction, mean_deflection
+from msls_ros.estimation.bank.isolation import Decision, Losses, Name, find_name
+from msls_ros.estimation.bank.losses import (
     EVERY,
     KNOWN,
     KNOWN_WELL,
@@ -19,8 +19,8 @@ from msls_ros.estimation.bank_losses import (
     compare_surfaces,
     find_loss,
 )
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_uncertainty import residual_variance
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.uncertainty import residual_variance
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.surfaces import read_surfaces
 

@@ -10,7 +10,7 @@ import pytest
 from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, Run, from_mapping
-from msls_ros.estimation.bank_effector_noise import (
+from msls_ros.estimation.bank.effector_noise import (
     MEDIAN,
     entering_part,
     median_of,
@@ -18,8 +18,8 @@ from msls_ros.estimation.bank_effector_noise import (
     rounding_noise,
     state_noise,
 )
-from msls_ros.estimation.bank_fed_noise import follows_noise
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.fed_noise import follows_noise
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
 from msls_ros.inputs.derivatives import DerivativeFilter

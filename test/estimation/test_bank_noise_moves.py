@@ -7,9 +7,9 @@ import pytest
 from estimation.test_bank import SMALL
 
 from msls_ros.estimation import Identifier, from_mapping
-from msls_ros.estimation.bank_losses import find_directions
-from msls_ros.estimation.bank_noise_moves import find_noise_moves, take_off_noise
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.losses import find_directions
+from msls_ros.estimation.bank.noise_moves import find_noise_moves, take_off_noise
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.flights.closed_loop import fly
 from msls_ros.flights.scenarios import find_scenario
 

@@ -12,9 +12,9 @@ from estimation.test_bank_delay import EFFECTS, STEP
 from benchmarks.linear_beds import configure, draw
 from benchmarks.linear_beds import fly as fly_linear
 from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_responses import turns_round
-from msls_ros.estimation.bank_rows import begin_anew, reach_of, split_bank
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.responses import turns_round
+from msls_ros.estimation.bank.rows import begin_anew, reach_of, split_bank
 
 DAMPING = np.array([6.0, 3.0, 2.0])
 """Of the rates [1/s]."""

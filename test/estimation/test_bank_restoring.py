@@ -8,11 +8,11 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank_attenuation import motion_share
-from msls_ros.estimation.bank_lags import lag_square
-from msls_ros.estimation.bank_losses import TOLERANCE
-from msls_ros.estimation.bank_regression import BankRegression
-from msls_ros.estimation.bank_uncertainty import leading_member
+from msls_ros.estimation.bank.attenuation import motion_share
+from msls_ros.estimation.bank.lags import lag_square
+from msls_ros.estimation.bank.losses import TOLERANCE
+from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.uncertainty import leading_member
 
 FAULT = 250
 

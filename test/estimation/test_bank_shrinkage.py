@@ -7,7 +7,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 
 DAMPING, COUPLING, EFFECT = -3.0, 0.5, 8.0
 """Of P by P, by R and by da."""

@@ -10,7 +10,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of, events_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank_unalarmed import LEAST_SINCE, QUICK, is_denied, keep_alarm, loss_information
+from msls_ros.estimation.bank.unalarmed import LEAST_SINCE, QUICK, is_denied, keep_alarm, loss_information
 
 FAULT = 250
 NOISE = 0.02

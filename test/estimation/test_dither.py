@@ -23,10 +23,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import EstimationError, Level, from_mapping
-from msls_ros.estimation.dither_allocation import allocate, felt, felt_square, uncertain_square, worst_case
-from msls_ros.estimation.dither_rms import LARGEST_EFFECT, START
+from msls_ros.estimation.dither.allocation import allocate, felt, felt_square, uncertain_square, worst_case
+from msls_ros.estimation.dither.rms import LARGEST_EFFECT, START
+from msls_ros.estimation.dither.sequences import multisines, peak_factor
 from msls_ros.estimation.kinematics import GRAVITY
-from msls_ros.estimation.sequences import multisines, peak_factor
 
 BEGUN = 130
 """Samples after which the dither has begun."""

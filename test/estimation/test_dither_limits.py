@@ -23,9 +23,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import Level
+from msls_ros.estimation.dither.sequences import CREST
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
-from msls_ros.estimation.sequences import CREST
 
 FINE = 0.002
 """Step in which the true surfaces are followed [s]."""

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from estimation.dither_bench import M, accelerations, aircraft, at, drive, known, law
 
-from msls_ros.estimation.dither_onset import BEGIN, DURATION
+from msls_ros.estimation.dither.onset import BEGIN, DURATION
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
 

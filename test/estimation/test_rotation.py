@@ -10,9 +10,9 @@ import pytest
 import yaml
 
 from msls_ros.estimation import Configuration, Estimate, EstimationError, Identifier
-from msls_ros.estimation.bank_energy import turned_output
-from msls_ros.estimation.bank_settings import bank_settings
-from msls_ros.estimation.bank_start import make_bank_state
+from msls_ros.estimation.bank.energy import turned_output
+from msls_ros.estimation.bank.settings import bank_settings
+from msls_ros.estimation.bank.start import make_bank_state
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import (
     FLIGHT_STATES,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Configuration, Identifier, Level, from_mapping
-from msls_ros.estimation.dither_answer import NOT_FLYING, REASONS
+from msls_ros.estimation.dither.answer import NOT_FLYING, REASONS
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.spikes import LEAST, REST, SpikeFilter, spike_settings
 

@@ -21,7 +21,7 @@ from report.report_bags import ALL, FAULT, INPUTS, record
 from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
 from msls_ros.estimation import Configuration
-from msls_ros.estimation.bank_regression import BankRegression
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.report.recorded import Models, Truth
 from msls_ros.report.words import describe_drift, find_changes
 

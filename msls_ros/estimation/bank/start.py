@@ -1,0 +1,239 @@
+"""Starting anew: allocates the bank's state and clears it at a reset; clears the factors of a group at an alarm."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.state import BankState
+from msls_ros.estimation.compiled import compiled
+
+
+def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
+    """Allocate a state; `clear_bank` makes it valid."""
+    p, m = s.prior.shape
+    w, effectors = int(s.windows[-1]), s.effectors_to - s.effectors_from
+    kept = int(max(s.loss_delays, default=0)) + 1
+    others = len(s.responses) - len(s.lags) + 1
+    early = int(-s.responses[:others, 1].min())
+    back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
+    return BankState(
+        R=np.zeros((groups, p, p, m)),
+        info=np.zeros((groups, p, m)),
+        deviation=np.zeros((groups, m)),
+        log=np.zeros((groups, m)),
+        taken=np.zeros((groups, m)),
+        centre=np.zeros((groups, p, m)),
+        kept_info=np.zeros((groups, p)),
+        age=np.zeros(groups, np.int64),
+        group=np.zeros(rows, np.int64),
+        members=np.zeros((rows, p, m)),
+        errors=np.zeros((rows, m)),
+        past=np.zeros((s.delay + 1, rows, p, m)),
+        mixed=np.zeros((rows, p)),
+        known=np.ones((rows, p)),
+        theta=np.zeros((rows, p)),
+        sharpest=np.zeros(rows, np.int64),
+        weight=np.zeros((rows, m)),
+        evidence=np.zeros((rows, 3, m)),
+        judged=np.zeros(rows),
+        mean=np.zeros(rows),
+        now=np.zeros(rows),
+        foreseen=np.zeros(rows),
+        remembered=np.zeros(rows),
+        phi_mean=np.zeros(p),
+        phi_remembered=np.zeros(p),
+        phi_last=np.zeros(p),
+        step_remembered=np.zeros(p),
+        gate=np.zeros(rows),
+        output_error=np.zeros(rows),
+        energy_share=np.ones((rows, s.forgetting.shape[0])),
+        axis_gate=np.ones((groups, 2)),
+        ring=np.zeros((rows, w)),
+        surprise=np.zeros((rows, w)),
+        allowed=np.zeros((rows, w)),
+        excused=np.zeros(w),
+        signed=np.zeros((rows, w)),
+        mean_square=np.zeros((rows, len(s.windows), w)),
+        mean_base=np.zeros((rows, 2 + len(s.windows))),
+        smaller=np.zeros((rows, w)),
+        square_moved=np.zeros((rows, p)),
+        square_past=np.zeros((2, rows, p)),
+        counted=np.zeros(rows, np.int64),
+        base=np.zeros((rows, 3)),
+        e=np.zeros(rows),
+        residual=np.zeros((rows, 2)),
+        colour=np.zeros((rows, 2)),
+        quick=np.zeros(p),
+        quick_past=np.zeros((s.late, effectors)),
+        quick_late=np.zeros(effectors),
+        quick_mean=np.zeros(p),
+        quick_samples=np.zeros(1),
+        moment=np.zeros((p, p)),
+        quick_moment=np.zeros((effectors, p)),
+        predictors=np.zeros((s.straddle + 1, 2, rows, p)),
+        lagged=np.zeros((len(s.lags), effectors)),
+        sent=np.zeros((len(s.lags), (back + 1) * s.late, effectors)),
+        block_sent=np.zeros((len(s.lags), effectors)),
+        block=np.zeros(s.effectors_from + rows),
+        sent_mean=np.zeros((len(s.lags), effectors)),
+        sent_quick=np.zeros((len(s.lags), back, effectors)),
+        output_past=np.zeros((3, rows)),
+        output_median=np.zeros(rows),
+        held=np.zeros((early * s.late + 1, s.effectors_from + rows)),
+        response_mean=np.zeros(s.effectors_from + rows),
+        response_past=np.zeros((back, s.effectors_from + rows)),
+        response_quick=np.zeros(quick),
+        response_sums=np.zeros((len(s.responses), quick, quick)),
+        response_samples=np.zeros(1),
+        response_part=np.zeros(len(s.responses)),
+        response_evidence=np.zeros(len(s.responses)),
+        response_doubt=np.zeros(1),
+        response_steps=np.zeros((effectors, p)),
+        response_squares=np.zeros((effectors, effectors)),
+        response_row=np.zeros((rows, 4)),
+        response_fit=np.zeros((len(s.responses), rows, 3)),
+        response_effect=np.zeros((len(s.responses), rows, effectors)),
+        response=np.zeros(1, np.int64),
+        recent=np.zeros((s.latest + s.late + 3, effectors)),
+        delay=np.zeros((2, 5)),
+        output_mean=np.zeros(rows),
+        early=np.zeros((rows, p)),
+        answer=np.zeros((rows, effectors)),
+        steps=np.zeros((effectors, effectors)),
+        step_back=np.zeros(effectors),
+        sensitivity=np.zeros((groups, effectors, p, m)),
+        cross=np.zeros((rows, effectors)),
+        unexplained=np.zeros(effectors),
+        unlike=np.zeros((2, rows, effectors)),
+        late_square=np.zeros((2, rows, p)),
+        deflections=np.zeros((3, effectors)),
+        quantum=np.zeros((5, effectors)),
+        recorded=np.zeros((2, effectors)),
+        third_median=np.zeros(effectors),
+        third_floor=np.zeros(effectors),
+        white_past=np.zeros((3, effectors)),
+        white=np.zeros(effectors),
+        white_median=np.zeros(effectors),
+        white_answer=np.zeros((rows, effectors)),
+        white_cross=np.zeros((rows, effectors)),
+        white_power=np.zeros((rows, effectors)),
+        white_answered=np.zeros((rows, effectors)),
+        past_outputs=np.zeros((max(s.straddle, 1), rows)),
+        common=np.zeros((3, rows, effectors)),
+        rest_cross=np.zeros((rows, effectors)),
+        rest_power=np.zeros((rows, effectors)),
+        rest_energy=np.zeros(effectors),
+        rest_evidence=np.zeros((2, effectors)),
+        dithered=np.zeros(effectors),
+        rest=np.zeros(1, np.int64),
+        suspected=np.zeros(effectors, np.int64),
+        unanswered=np.zeros(effectors),
+        states=np.zeros((3, rows)),
+        state_third=np.zeros(rows),
+        entry=np.zeros((rows, rows)),
+        entry_samples=np.zeros(rows),
+        state_median=np.zeros(rows),
+        white_states=np.zeros(rows),
+        third_noise=np.zeros(effectors),
+        answered=np.zeros(effectors, np.int64),
+        effect=np.zeros((rows, effectors)),
+        widened=np.ones((rows, p)),
+        correction=np.zeros((rows, p)),
+        best_correction=np.zeros((rows, p)),
+        columns=np.zeros((p, p)),
+        removed=np.zeros(p),
+        corrected=np.zeros(p),
+        uncorrected=np.zeros(p),
+        carried=np.full((rows, p), np.inf),
+        pending=np.zeros(rows, np.int64),
+        theta_before=np.zeros((rows, p)),
+        square_before=np.zeros((rows, p)),
+        kept=np.zeros(2, np.int64),
+        last_phi=np.zeros((s.persistence, p)),
+        last_y=np.zeros((s.persistence, rows)),
+        kept_theta=np.zeros((kept, rows, p)),
+        kept_square=np.zeros((kept, rows, p)),
+        innovation=np.zeros((len(s.loss_members), rows, 5)),
+        innovation_sums=np.zeros((rows, 2 ** (s.loss_sums - 1) + 1)),
+        sums_taken=np.zeros(rows, np.int64),
+        sum_squares=np.zeros((rows, s.loss_sums, 2)),
+        whitened=np.zeros((groups, len(s.loss_members), max(s.straddle, 1), p)),
+        motion=np.zeros((groups, len(s.loss_members), 2, p)),
+        run=np.zeros((len(s.loss_members), 2), np.int64),
+        suspect=np.zeros(len(s.loss_members), np.int64),
+        misfits=np.zeros(rows, np.int64),
+        samples=np.zeros(1, np.int64),
+        learning=np.zeros(1, np.int64),
+        alert=np.zeros(1, np.int64),
+        waiting=np.zeros(groups, np.int64),
+        square=np.zeros((rows, p)),
+        square_lately=np.zeros((2, rows, p)),
+        batch=np.zeros((len(s.batches), rows, p, 3)),
+        batch_kept=np.zeros((len(s.batches), rows)),
+        batch_number=np.zeros((len(s.batches), rows), np.int64),
+        lately=np.zeros(rows, np.int64),
+        best=np.zeros((rows, p)),
+        best_square=np.zeros((rows, p)),
+        best_time=np.zeros((rows, p)),
+        best_place=np.zeros((rows, p, len(s.velocities) + len(s.rates) + 1)),
+        shift=np.zeros((rows, p)),
+        drawn=np.zeros(rows, np.int64),
+        place=np.zeros(len(s.velocities) + len(s.rates) + 1),
+        speed=np.zeros(2),
+        seen=np.zeros(p),
+        apart=np.zeros(1, np.int64),
+        clock=np.zeros(2),
+    )
+
+
+def clear_bank(s: BankSettings, x: BankState) -> None:
+    """Start anew: nothing known, estimates zero, all rows in group 0."""
+    for array in x:
+        array[...] = 0
+    mixes = s.mixes[: len(x.weight)]
+    x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
+    x.known[:] = 1.0
+    x.widened[:] = 1.0
+    x.carried[:] = math.inf
+    x.energy_share[:] = 1.0
+    x.e[:] = math.nan
+    x.best_square[:] = math.inf
+    x.square[:] = math.inf
+    x.square_moved[:] = math.inf
+    x.square_past[:] = math.inf
+    x.counted[:] = -s.rest
+    clear_factors(s, x, 0)
+
+
+@compiled
+def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
+    """Put the priors in the place of all factors of group g."""
+    for m in range(s.forgetting.shape[0]):
+        clear_factor(s, x, g, m)
+    for i in range(s.prior.shape[0]):
+        x.kept_info[g, i] = 0.0
+        for j in range(x.sensitivity.shape[1]):
+            for m in range(s.forgetting.shape[0]):
+                x.sensitivity[g, j, i, m] = 0.0
+    x.age[g] = 0
+    for a in range(x.motion.shape[1]):
+        for i in range(s.prior.shape[0]):
+            x.motion[g, a, 0, i] = 0.0
+            x.motion[g, a, 1, i] = 0.0
+    for a in range(x.axis_gate.shape[1]):
+        x.axis_gate[g, a] = 1.0
+
+
+@compiled
+def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
+    """Put the prior in the place of one factor."""
+    p = s.prior.shape[0]
+    for i in range(p):
+        for k in range(p):
+            x.R[g, i, k, m] = 0.0
+        x.R[g, i, i, m] = s.prior[i, m]
+        x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
+    x.taken[g, m] = 0.0

@@ -1,0 +1,325 @@
+"""The dither law, compiled: one sample after the other, from what is known of B to commands (see `dither`)."""
+
+from __future__ import annotations
+
+import math
+
+from msls_ros.estimation.compiled import compiled
+from msls_ros.estimation.dither.allocation import worst_case
+from msls_ros.estimation.dither.answer import (
+    ACCELERATION,
+    CAPPED,
+    DISABLED,
+    EQUATION_23,
+    GAP,
+    KNOWN,
+    NOT_EXCITED,
+    NOT_FINITE,
+    DitherBlock,
+)
+from msls_ros.estimation.dither.inputs import Comb, DitherWork, Knowledge, Law
+from msls_ros.estimation.dither.limits import (
+    ACHIEVED,
+    CAP,
+    CORNER,
+    LONGEST,
+    SEQUENCE,
+    Effectors,
+    boost,
+    boost_left,
+    command_gain,
+    elapse,
+    fill,
+    move,
+    note_reached,
+    settle,
+)
+from msls_ros.estimation.dither.onset import begin
+from msls_ros.estimation.dither.rms import all_known, choose, relieve, set_caps, weigh_entries
+from msls_ros.estimation.dither.sequences import CREST, multisine
+from msls_ros.estimation.dither.window import enter_window, hold_back, rest
+from msls_ros.estimation.elementary import exponential, logarithm
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kinematics import GRAVITY
+
+
+@compiled
+def inject(
+    law: Law,
+    x: Effectors,
+    time: Array,
+    known: Knowledge,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    work: DitherWork,
+    out: DitherBlock,
+) -> None:
+    """Fill ``out`` with the dithers that answer n samples.
+
+    Parameters
+    ----------
+    law, x
+        The law and its effectors.
+    time
+        (n,) [s].
+    known
+        What is known of B at each sample.
+    delta
+        (n, m) measured deflections [rad].
+    noise
+        (n, m) independent, zero mean, unit rms; not read where there are multisines.
+    comb
+        Of the multisines.
+    work
+        Scratch.
+    out
+        Per sample.
+    """
+    for k in range(time.shape[0]):
+        answer(law, x, k, time[k], known, delta[k], noise[k], comb, work, out)
+
+
+@compiled
+def answer(
+    law: Law,
+    x: Effectors,
+    k: int,
+    time: float,
+    known: Knowledge,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    work: DitherWork,
+    out: DitherBlock,
+) -> None:
+    """Answer sample k; as `inject`, of this sample alone."""
+    alarmed = has_alarm(known.alarm[k])
+    dt = elapse(x, time, law.period, law.stale_after)
+    boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
+    limit = limit_of(law, boosted)
+    raised = boosted and not boost_ends(law, x)
+    aim = limit_of(law, raised)
+    held = min(dt, law.stale_after)
+    gain = onset_gain(law, x, k, known, delta, held, work)
+    until = time - (dt - held)
+    finite, unit, together = account(law, x, k, known, limit, until, held, work)
+    if dt > law.stale_after or not law.enabled:
+        rest(law, x, until, dt - held)
+        out.level[k] = 3 if law.enabled else 0
+        out.reason[k] = GAP if law.enabled else DISABLED
+        return
+    out.acceleration_limit[k] = limit
+    out.level[k] = 2 if boosted else 1
+    if not finite:
+        settle(x, 0.0)
+        out.reason[k] = NOT_FINITE
+        return
+    out.rms[k], out.reason[k] = find_rms(law, x, k, known, aim, raised, gain, alarmed, dt, work)
+    least = unit * (limit * limit) / (aim * aim) if unit > 0.0 and aim > 0.0 else unit
+    predicted = command(law, x, time, known.b[k], delta, noise, comb, unit, least, together, dt, work, out.delta[k])
+    out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
+
+
+@compiled
+def has_alarm(alarm: Integers) -> bool:
+    """Whether any row, (r,), has an alarm."""
+    found = False
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0:
+            found = True
+    return found
+
+
+@compiled
+def limit_of(law: Law, boosted: bool) -> float:
+    """Return the limit of the acceleration [g rms]."""
+    return law.limit_boosted if boosted else law.limit_nominal
+
+
+@compiled
+def onset_gain(law: Law, x: Effectors, k: int, known: Knowledge, delta: Array, dt: float, work: DitherWork) -> float:
+    """Return the part of what is wanted that is sent at sample k, see `dither.onset`; 1 by eq 23, or if nothing is."""
+    if not law.enabled or law.worst_case:
+        return 1.0
+    sure = all_known(law, known.b[k], known.variance[k])
+    return begin(law, x, sure, known.output[k], delta, dt, work.axes)
+
+
+@compiled
+def account(
+    law: Law, x: Effectors, k: int, known: Knowledge, limit: float, until: float, dt: float, work: DitherWork
+) -> tuple[bool, float, float]:
+    """Fill in what effects may be at sample k, and enter what was felt in the ``dt`` s until then into the window.
+
+    Returns
+    -------
+    tuple
+        Whether all of B is finite; one over the square of the limit [s^4/m^2], 0 where there is no window; what holding
+        back leaves of the sum of the squares, 0 to 1.
+    """
+    b, variance = known.b[k], known.variance[k]
+    finite = weigh_entries(law, x, b, variance, work.square, work.unsure, work.axes)
+    unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
+    together = 1.0
+    if unit > 0.0:
+        together = enter_window(law, x, b, variance, work.unsure, unit, until, dt, work.axes)
+    return finite, unit, together
+
+
+@compiled
+def find_rms(
+    law: Law,
+    x: Effectors,
+    k: int,
+    known: Knowledge,
+    aim: float,
+    raised: bool,
+    gain: float,
+    alarmed: bool,
+    dt: float,
+    work: DitherWork,
+) -> tuple[float, int]:
+    """Fill in ``x.wanted`` and ``x.relief`` at sample k; return the rms of `choose` and what decides it.
+
+    Parameters
+    ----------
+    law, x, k, known
+        As in `answer`.
+    aim, raised
+        Acceleration that is aimed at [g rms], and whether it is the boosted one.
+    gain
+        Part that is sent, see `onset_gain`.
+    alarmed, dt
+        At this sample; since the last [s].
+    work
+        Scratch, with what effects may be; caps are filled in.
+    """
+    b, variance = known.b[k], known.variance[k]
+    unexcited = set_caps(law, x, b, variance, known.excitation[k], raised, min(dt, law.stale_after), work.caps)
+    rms, binds = choose(law, x, b, aim * GRAVITY, work.square, work.caps)
+    for j in range(x.wanted.shape[0]):
+        x.wanted[j] *= gain
+    lowered = relieve(law, x, b, variance, alarmed, dt)
+    return rms * gain, reason(law, binds, unexcited, lowered)
+
+
+@compiled
+def command(
+    law: Law,
+    x: Effectors,
+    time: float,
+    b: Array,
+    delta: Array,
+    noise: Array,
+    comb: Comb,
+    unit: float,
+    least: float,
+    together: float,
+    dt: float,
+    work: DitherWork,
+    out: Array,
+) -> float:
+    """Fill in the commands (m,) [rad]; return the acceleration that is predicted of them [m/s^2 rms].
+
+    Parameters
+    ----------
+    law, x, time, b, delta, noise, comb
+        As in `answer`.
+    unit, least
+        One over the square of the limit, by which the window is filled, and of what is aimed at, by which commands are
+        held back [s^4/m^2]; 0: there is no window.
+    together
+        What holding back leaves of the sum of the squares [1].
+    dt
+        Since the last sample [s].
+    work
+        Scratch, with what effects may be and caps.
+    out
+        The commands.
+    """
+    factor = fill(x, unit * wanted_square(x, work.square)) if unit > 0.0 else 1.0
+    waves = comb_value(comb, time, x.limits[:, CORNER], work.wave)
+    predicted = send(x, delta, noise, work.wave, waves, factor, dt, work.square, work.caps, out)
+    if unit > 0.0:
+        hold_back(law, x, b, work.unsure, least, delta, dt, work.axes, out)
+    if law.worst_case:
+        return worst_case(b, x.wanted, law.rows, law.station)
+    return predicted * math.sqrt(together)
+
+
+@compiled
+def wanted_square(x: Effectors, square: Array) -> float:
+    """Mean square of the acceleration that is wanted of independent surfaces, by ``E[g_j^2]`` (m,) [m^2/s^4]."""
+    total = 0.0
+    for j in range(square.shape[0]):
+        wanted = x.relief[j] * x.wanted[j]
+        total += square[j] * (wanted * wanted)
+    return total
+
+
+@compiled
+def boost_ends(law: Law, x: Effectors) -> bool:
+    """Whether what a boost commands now would be felt beyond its end as more than the nominal limit allows.
+
+    The slowest actuator sheds it in ``ln(boosted/nominal)`` time constants, after the interval of the command. Eq 23,
+    which is for the paper, does not ask.
+    """
+    if law.worst_case or not law.limit_boosted > law.limit_nominal > 0.0:
+        return False
+    constant = 2.0 * law.rest
+    return bool(boost_left(x) < x.clock[LONGEST] + constant * logarithm(law.limit_boosted / law.limit_nominal))
+
+
+@compiled
+def reason(law: Law, binds: bool, unexcited: bool, lowered: bool) -> int:
+    """Return the index into `REASONS` of what decides the rms."""
+    if lowered:
+        return KNOWN
+    if unexcited and not binds:
+        return NOT_EXCITED
+    if not binds:
+        return CAPPED
+    return EQUATION_23 if law.worst_case else ACCELERATION
+
+
+@compiled
+def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
+    """Fill in the multisines now (m,); return whether there are any."""
+    if comb.period <= 0.0:
+        return False
+    if not math.isfinite(comb.origin[0]):
+        comb.origin[0] = time
+    multisine(time - comb.origin[0], comb.frequencies, comb.phases, corners, out)
+    return True
+
+
+@compiled
+def send(
+    x: Effectors,
+    delta: Array,
+    noise: Array,
+    wave: Array,
+    waves: bool,
+    factor: float,
+    dt: float,
+    square: Array,
+    caps: Array,
+    out: Array,
+) -> float:
+    """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2]."""
+    decay = exponential(-dt / ACHIEVED)
+    predicted = 0.0
+    for j in range(out.shape[0]):
+        x.wanted[j] *= x.relief[j]
+        reached = note_reached(x, j, decay)
+        predicted += square[j] * x.wanted[j] * x.wanted[j] * reached
+        corner = x.limits[j, SEQUENCE]
+        colour = exponential(-corner * dt) if corner > 0.0 else 0.0
+        x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
+        unit = wave[j] if waves else command_gain(x, j, dt) * x.sequence[j]
+        most = CREST * x.limits[j, CAP] * (command_gain(x, j, dt) if not waves else 2.0)
+        size = min(factor * x.wanted[j], max(x.wanted[j], caps[j])) if factor > 1.0 else factor * x.wanted[j]
+        wanted = min(max(size * unit, -most), most)
+        out[j] = move(x, j, wanted, delta[j], dt)
+    return math.sqrt(predicted)
