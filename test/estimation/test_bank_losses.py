@@ -20,7 +20,7 @@ from msls_ros.estimation.bank.losses import (
     find_loss,
 )
 from msls_ros.estimation.bank.regression import BankRegression
-from msls_ros.estimation.bank.uncertainty import residual_variance
+from msls_ros.estimation.bank.residual import residual_variance
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.surfaces import read_surfaces
 

@@ -56,8 +56,8 @@ from msls_ros.estimation.bank.lags import (
     solve_forward,
 )
 from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.residual import autocorrelation
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 

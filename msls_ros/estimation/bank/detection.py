@@ -118,14 +118,7 @@ def sense_bank(
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
     for q in range(y.shape[0]):
         keep_predictors(x, q)
-        last = y[q]
-        error = y[q]
-        sharp = y[q]
-        for i in range(phi.shape[0]):
-            last -= x.mixed[q, i] * phi[i]
-            error -= predictors[0, q, i] * phi[i]
-            sharp -= predictors[1, q, i] * phi[i]
-        e[q] = last
+        e[q] = prediction_error(x.mixed[q], phi, y[q])
         statistic[q] = 0.0
         alarm[q] = 0
         if x.group[q] != group:
@@ -143,36 +136,19 @@ def sense_bank(
         if x.age[group] > 2 * phi.shape[0]:
             observe_answer(s, x, q, phi, y[q], expected)
             if s.straddle == 0:
-                observe_entry(s, x, q, last)
+                observe_entry(s, x, q, e[q])
             else:
                 observe_followers(s, x, q, phi, y[q])
         if not s.detect:
             continue
-        square = sharp * sharp
-        smaller = min(square, error * error)
-        surprise = smaller / expected
-        signed = (sharp if square < error * error else error) / math.sqrt(expected)
-        moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
-        moved += rounding_square(s, x, q) + timing_square(s, x, q)
-        excused = moved + drag_square(s, x) if q == s.axial else moved
-        alone = 0.0
-        armed = x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest
-        if armed:
-            statistic[q] = change_of(s, x, q, surprise, moved, unknown, x.allowed[q])
-            if s.differenced[q] != 0:
-                statistic[q] = max(statistic[q], mean_change_of(s, x, q, signed, moved, unknown))
-            alone = statistic[q] if q != s.axial else change_of(s, x, q, surprise, excused, unknown, x.excused)
-        axial = alone if q == s.axial else axial
-        joins = x.alert[0] > 0 and statistic[q] > LIKELY * s.threshold
-        if (alone > s.threshold or joins) and not learning:
+        error = prediction_error(predictors[0, q], phi, y[q])
+        sharp = prediction_error(predictors[1, q], phi, y[q])
+        statistic[q], alone, alarms = detect_change(s, x, q, phi, error, sharp, expected, learning)
+        if q == s.axial:
+            axial = alone
+        if alarms:
             alarm[q] = 1
             any_alarm = True
-        else:
-            if s.differenced[q] != 0 and x.counted[q] >= 0:
-                remember_mean(s, x, q, signed)
-            remember_square(s, x, q, square, smaller, surprise, moved)
-            if q == s.axial and x.counted[q] > 0:
-                x.excused[(x.counted[q] - 1) % x.excused.shape[0]] = excused
     if x.alert[0] > 0:
         x.alert[0] -= 1
     elif any_alarm or (not learning and is_pair(s, statistic)):
@@ -184,6 +160,66 @@ def sense_bank(
     if s.axial >= 0 and alarm[s.axial] == 0:
         statistic[s.axial] = axial
     return any_alarm
+
+
+@compiled
+def prediction_error(theta: Array, phi: Array, y: float) -> float:
+    """Return ``y - theta phi``, summed from the first regressor on; (p,) both."""
+    left = y
+    for i in range(phi.shape[0]):
+        left -= theta[i] * phi[i]
+    return left
+
+
+@compiled
+def detect_change(
+    s: BankSettings, x: BankState, q: int, phi: Array, error: float, sharp: float, expected: float, learning: bool
+) -> tuple[float, float, bool]:
+    """Hold the prediction errors of row q against what is usual; what is usual is remembered.
+
+    Parameters
+    ----------
+    s, x
+        Settings and state before the sample.
+    q
+        Row.
+    phi
+        (p,) regressor, constant first.
+    error, sharp
+        Prediction errors, of the mixed estimates and of the sharpest member [output].
+    expected
+        Square of the error that is expected here, over the usual one [1].
+    learning
+        Whether nothing alarms yet.
+
+    Returns
+    -------
+    tuple
+        The statistic; that by which the row alarms when no other does, for drag may change the row of u; whether it
+        alarms.
+    """
+    square = sharp * sharp
+    smaller = min(square, error * error)
+    surprise = smaller / expected
+    signed = (sharp if square < error * error else error) / math.sqrt(expected)
+    moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
+    moved += rounding_square(s, x, q) + timing_square(s, x, q)
+    excused = moved + drag_square(s, x) if q == s.axial else moved
+    statistic = alone = 0.0
+    if x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest:
+        statistic = change_of(s, x, q, surprise, moved, unknown, x.allowed[q])
+        if s.differenced[q] != 0:
+            statistic = max(statistic, mean_change_of(s, x, q, signed, moved, unknown))
+        alone = statistic if q != s.axial else change_of(s, x, q, surprise, excused, unknown, x.excused)
+    joins = x.alert[0] > 0 and statistic > LIKELY * s.threshold
+    if (alone > s.threshold or joins) and not learning:
+        return statistic, alone, True
+    if s.differenced[q] != 0 and x.counted[q] >= 0:
+        remember_mean(s, x, q, signed)
+    remember_square(s, x, q, square, smaller, surprise, moved)
+    if q == s.axial and x.counted[q] > 0:
+        x.excused[(x.counted[q] - 1) % x.excused.shape[0]] = excused
+    return statistic, alone, False
 
 
 @compiled

@@ -20,8 +20,8 @@ import math
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, effect_of, noise_of, square_of_effect
 from msls_ros.estimation.bank.members import find_information
+from msls_ros.estimation.bank.residual import residual_variance
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import residual_variance
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, copy_rows

@@ -53,8 +53,9 @@ from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten
 from msls_ros.estimation.bank.noise_moves import find_noise_moves, take_off_noise
+from msls_ros.estimation.bank.residual import LARGEST_COLOUR
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import LARGEST_COLOUR, square_of_change
+from msls_ros.estimation.bank.uncertainty import square_of_change
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers, copy_rows

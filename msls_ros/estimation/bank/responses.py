@@ -49,8 +49,8 @@ from msls_ros.estimation.bank.delay import MOMENTS
 from msls_ros.estimation.bank.effector_noise import MEDIAN, median_of, most_noise, third_difference
 from msls_ros.estimation.bank.lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.residual import autocorrelation
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import autocorrelation
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.elementary import logarithm
 from msls_ros.estimation.kernel import Array

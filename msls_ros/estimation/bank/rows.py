@@ -35,19 +35,14 @@ from msls_ros.estimation.bank.losses import (
 )
 from msls_ros.estimation.bank.members import update_members
 from msls_ros.estimation.bank.mixing import find_sharpest, judge, mix, weigh
+from msls_ros.estimation.bank.residual import observe_errors, residual_variance
 from msls_ros.estimation.bank.responses import held_back, respond
 from msls_ros.estimation.bank.shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank.speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank.start import clear_factors
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import (
-    find_suspects,
-    keep_best,
-    observe_errors,
-    residual_variance,
-    square_of_change,
-    suspect_surface,
-)
+from msls_ros.estimation.bank.suspects import find_suspects, suspect_surface
+from msls_ros.estimation.bank.uncertainty import keep_best, square_of_change
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers

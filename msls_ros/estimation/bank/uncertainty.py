@@ -14,9 +14,9 @@ between members, is the uncertainty about the model itself. ``b`` is the bias by
 `bank.attenuation`. The last is what no averaging removes: residuals that are autocorrelated are model error (vanes,
 couplings), a share f rho of the estimate; and what is not known of delays (`bank.lags`). The first term is no less than
 by how far the estimates move from one batch of data to the next (`bank.batches`). Where the aircraft is elsewhere in
-the envelope than on average over the memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added: see
-below. The derivative of an angular acceleration by another rate also goes with the third one, through the inertia
-(`inertial_square`).
+the envelope than on average over the memory of that member, ``(theta_i |place - mean place| / reach)^2`` is added
+(`bank.elsewhere`). The derivative of an angular acceleration by another rate also goes with the third one, through the
+inertia (`inertial_square`, there).
 
 **What is known and what is excited.** In the quiet the information of now fades, but not what was known. The best
 estimate is kept with its error, time and place in the envelope, and serves as long as it is the better one::
@@ -41,8 +41,7 @@ References
 ----------
 Bates and Granger, "The combination of forecasts", 1969; Buckland, Burnham and Augustin, "Model selection: an integral
 part of inference", Biometrics 53 (1997) (spread between models). Grauer and Morelli, "Parameter uncertainty for
-aircraft parameter estimates using recursive least squares", 2016 (coloured residuals). Atkeson, Moore and Schaal,
-"Locally weighted learning", Artif. Intell. Rev. 11 (1997) (what is known is known about where it was learnt).
+aircraft parameter estimates using recursive least squares", 2016 (coloured residuals).
 """
 
 from __future__ import annotations
@@ -53,37 +52,29 @@ from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
 from msls_ros.estimation.bank.correction import correct
 from msls_ros.estimation.bank.effector_noise import state_noise
+from msls_ros.estimation.bank.elsewhere import (
+    distance_from_mean,
+    elsewhere_square,
+    inertial_square,
+    speed_from_best,
+    speed_from_mean,
+    turn_from_mean,
+)
 from msls_ros.estimation.bank.fed_noise import follows_noise
 from msls_ros.estimation.bank.lags import (
     KEEP,
     find_late_square,
     lag_square,
-    observe_lag,
 )
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.mixing import sum_members
-from msls_ros.estimation.bank.speed import SLOWEST, power_of, ratio_of, slope_by_speed
+from msls_ros.estimation.bank.residual import autocorrelation, residual_variance
+from msls_ros.estimation.bank.speed import power_of, ratio_of, slope_by_speed
 from msls_ros.estimation.bank.state import BankState
+from msls_ros.estimation.bank.suspects import suspect_square
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.elementary import logarithm
-from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.kernel import Array
 
-REACH_STATES, REACH_EFFECTORS = 0.3, 0.65
-"""Change of the velocity vector, as a share of the speed, at which a derivative may be off by its own size [1].
-
-With .25 and .42, 95 % of the errors were within .5 to 1.2 of a bar that this dominates (seeds 845 and 205, as measured,
-all beds but A of the F-16, 3.2); now .7 to 1.8.
-"""
-REACH_THROUGH = (0.25, 0.42)
-"""The same through windows. Errors are smaller there, too, but the detector allows by the bars: with narrower ones a
-whole flight with spikes (`benchmark calibration --whole`, measured, 25 Hz) has 4 false alarms, not 2.
-"""
-SPEED_STATES, SPEED_EFFECTORS = 1.0, 0.84
-"""The same for a change of speed where effects go with it (`bank.speed`), as a share of the first one [1].
-
-Where they do not, as a nozzle's, a derivative is off by as much as speed has changed, an effect by twice that: 1 and
-1.7 of these.
-"""
 CHANCE = 4.0
 """Squared standard errors by which the last seconds may differ from the estimate by chance."""
 SYSTEMATIC = 0.018
@@ -111,10 +102,6 @@ hide faults), by the noise of the effector's own sensor alone 49 and 14. Through
 ailerons of four and of nineteen other aircraft, seeds 851, 852 and 206: 23 of 24 and 44 of 57 are seen, 1 false alarm;
 with this 20 and 39, 7 false.
 """
-LOST = 0.25
-"""Squared share of its effect that a suspect may have lost while nothing is known of it [1]: its half."""
-REFERENCE = 0.25
-"""Largest squared relative error of what was known of it before [1]."""
 ANSWERED = 25.0
 """Squared standard errors by which an output must answer an effector once, for what it does to be motion.
 
@@ -128,67 +115,6 @@ RARELY = 4
 """What changes over seconds is looked at every so manieth time only."""
 FIRST = 128
 """But in the first so many samples."""
-LARGEST_COLOUR = 0.98
-"""The autocorrelation is not taken for more: the memory holds no more independent stretches."""
-
-
-@compiled
-def observe_errors(s: BankSettings, x: BankState, q: int, e: Array) -> None:
-    """Update variance and colour of row q's normalised prediction errors; both are carried over an alarm.
-
-    Parameters
-    ----------
-    s, x
-        Settings and state; the members have taken the sample.
-    q
-        Row.
-    e
-        (m,) scratch.
-    """
-    deviation = x.deviation[x.group[q]]
-    for m in range(e.shape[0]):
-        e[m] = x.weight[q, m] * x.errors[q, m] * deviation[m]
-    error = sum_members(e)
-    for m in range(e.shape[0]):
-        e[m] *= x.errors[q, m] * deviation[m]
-    square = sum_members(e)
-    age, p = x.age[x.group[q]], x.mixed.shape[1]
-    begun = age - (2 * p if x.samples[0] < age + 1 else p)
-    if begun > 0:
-        weight = max(x.gate[q], s.quiet)
-        fade = 1.0 - (1.0 - s.residual_forgetting) * weight
-        x.residual[q, 0] = fade * x.residual[q, 0] + weight * square
-        x.residual[q, 1] = fade * x.residual[q, 1] + weight
-        if not math.isnan(x.e[q]):
-            fade = 1.0 - (1.0 - s.colour_forgetting) * weight
-            x.colour[q, 0] = fade * x.colour[q, 0] + weight * error * x.e[q]
-            x.colour[q, 1] = fade * x.colour[q, 1] + weight * 0.5 * (error * error + x.e[q] * x.e[q])
-    x.e[q] = error
-    if begun > 0:
-        observe_lag(s, x, q, error)
-
-
-@compiled
-def autocorrelation(x: BankState, q: int) -> float:
-    """Return the lag-1 autocorrelation of row q's prediction errors, 0 to `LARGEST_COLOUR` [1]."""
-    if x.colour[q, 1] <= 0.0:
-        return 0.0
-    return float(min(max(x.colour[q, 0] / x.colour[q, 1], 0.0), LARGEST_COLOUR))
-
-
-@compiled
-def long_run_factor(x: BankState, q: int) -> float:
-    """Return by how much colour multiplies the variance of a mean of row q's residuals [1]."""
-    rho = autocorrelation(x, q)
-    return (1.0 + rho) / (1.0 - rho)
-
-
-@compiled
-def residual_variance(x: BankState, q: int) -> float:
-    """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
-    if x.residual[q, 1] <= 0.0:
-        return math.inf
-    return float(x.residual[q, 0] / x.residual[q, 1] * long_run_factor(x, q))
 
 
 @compiled
@@ -287,130 +213,10 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
 
 
 @compiled
-def find_suspects(s: BankSettings, x: BankState, phi: Array, e: Array, alarm: Integers) -> None:
-    """Note which effectors' losses may have made the alarm: by prediction errors e (r,) and phi (p,), constant first.
-
-    The loss of an effector makes at most what it does.
-    """
-    fresh = True
-    for q in range(alarm.shape[0]):
-        fresh = fresh and x.pending[q] == 0
-    for j in range(x.suspected.shape[0]):
-        i = s.effectors_from + 1 + j
-        x.suspected[j] = 0 if fresh else x.suspected[j]
-        for q in range(alarm.shape[0]):
-            if alarm[q] != 0 and 2.0 * abs(x.mixed[q, i] * (phi[i] - x.phi_mean[i])) > abs(e[q]):
-                x.suspected[j] = 1
-
-
-@compiled
-def suspect_surface(s: BankSettings, x: BankState, k: int) -> None:
-    """Note the effectors of surface k, whose loss alarms."""
-    for j in range(x.suspected.shape[0]):
-        x.suspected[j] = 1 if s.gains[k, j] != 0.0 else 0
-
-
-@compiled
-def suspect_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Square by which coefficient i (constant first) may have changed in a row q that goes on after an alarm.
-
-    What a suspect has lost in rows that alarmed it may have lost in all, until these say that it has not, or a name is
-    spoken, or the alarm is over.
-    """
-    if not s.effectors_from < i <= s.effectors_to or x.pending[q] != 0 or x.suspected[i - s.effectors_from - 1] == 0:
-        return 0.0
-    share = 0.0
-    for r in range(x.pending.shape[0]):
-        effect = x.theta_before[r, i] * x.theta_before[r, i]
-        if x.pending[r] == 0 or x.square_before[r, i] >= REFERENCE * effect:
-            continue
-        moved = x.mixed[r, i] - x.theta_before[r, i]
-        lost = LOST
-        if x.square[r, i] < LOST * effect:
-            lost = (moved * moved + x.square[r, i]) / effect
-        share = min(share, lost) if share > 0.0 else lost
-    return float(min(share, 1.0) * x.mixed[q, i] * x.mixed[q, i])
-
-
-@compiled
 def forget_best(x: BankState, i: int) -> None:
     """Forget what was known best of coefficient i (constant first) in all rows: while it rested that was noise."""
     for q in range(x.best_square.shape[0]):
         x.best_square[q, i] = math.inf
-
-
-@compiled
-def distance_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Squared distance of the mean velocities of now from those that member m remembers, over their scales [1].
-
-    Where effects go with airspeed, of the direction of the velocity alone.
-    """
-    centre = x.centre[x.group[q]]
-    mean = mean_velocity(s, x, q, m)
-    away = 0.0
-    for j in range(s.velocities.shape[0]):
-        unit = mean if s.scaled else s.speed[j]
-        step = x.place[j] - (centre[s.velocities[j], m] / unit if unit > 0.0 else x.place[j])
-        away += step * step
-    return away
-
-
-@compiled
-def mean_velocity(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Size of the mean velocity that member m remembers, as a regressor [m/s]."""
-    square = 0.0
-    for j in range(s.velocities.shape[0]):
-        one = x.centre[x.group[q], s.velocities[j], m]
-        square += one * one
-    return math.sqrt(square)
-
-
-@compiled
-def mean_ratio(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Ratio of speeds that member m remembers [1]: its velocity, a regressor, goes with the square of it."""
-    if not s.scaled or x.speed[0] == 0.0:
-        return 1.0
-    return max(math.sqrt(mean_velocity(s, x, q, m) / x.speed[0]), SLOWEST)
-
-
-@compiled
-def speed_from_mean(s: BankSettings, x: BankState, q: int, m: int) -> float:
-    """Squared logarithm of the mean speed of now over that which member m remembers [1]; 0 where it counts as place."""
-    if not s.scaled:
-        return 0.0
-    step = logarithm(max(x.place[x.place.shape[0] - 1], SLOWEST) / mean_ratio(s, x, q, m))
-    return step * step
-
-
-@compiled
-def elsewhere_square(s: BankSettings, value: float, i: int, away: float, apart: float) -> float:
-    """Square by which coefficient i (constant first), known as ``value``, may differ at these squared distances."""
-    effector = s.effectors_from < i <= s.effectors_to
-    reach = REACH_EFFECTORS if effector else REACH_STATES
-    if s.straddle > 0:
-        reach = REACH_THROUGH[1] if effector else REACH_THROUGH[0]
-    along = SPEED_EFFECTORS if effector else SPEED_STATES
-    return value * value * (away / (reach * reach) + apart / (along * along))
-
-
-@compiled
-def turn_from_mean(s: BankSettings, x: BankState, q: int, rate: int, m: int) -> float:
-    """Difference of a rate of now from the mean that member m remembers, as `distance_from_mean` [rad/s]."""
-    mean = x.centre[x.group[q], s.rates[rate], m] / mean_ratio(s, x, q, m)
-    return float(x.place[s.velocities.shape[0] + rate] - mean)
-
-
-@compiled
-def inertial_square(s: BankSettings, x: BankState, q: int, i: int, turn: float) -> float:
-    """Square by which a derivative of an angular acceleration by another rate may differ, the third off by ``turn``.
-
-    Euler's equation of rate a holds ``c_a`` times the product of the two others: the derivative by one of them is
-    ``c_a`` times the other. With principal moments of inertia no larger than the sum of the two others, each c is
-    within -1 and 1, of which a third is the mean square; where most of it is known (`kinematics.GYROSCOPIC_PITCH`) it
-    is off by no more than that is from .5 and 1, or .2.
-    """
-    part = turn / power_of(s, i, ratio_of(x))
-    return part * part * (0.04 if s.turning[q + 1, i] > 0 else 1.0 / 3.0)
 
 
 @compiled
@@ -462,16 +268,6 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int, value: float) ->
         place = s.velocities.shape[0] + other
         known += inertial_square(s, x, q, i, x.place[place] - x.best_place[q, i, place])
     return float(known)
-
-
-@compiled
-def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """As `speed_from_mean`, from where coefficient i of row q was known best."""
-    if not s.scaled:
-        return 0.0
-    last = x.place.shape[0] - 1
-    step = logarithm(max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST))
-    return step * step
 
 
 @compiled
