@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 from msls_msgs.msg import StateSample
 
+from benchmarks.programs import program
 from msls_ros import messages
 from msls_ros.bags import BagWriter
 from msls_ros.plant import EFFECTORS, STATES
@@ -90,9 +90,8 @@ def _write_source(bag: Path) -> None:
 def _meet(row: dict[str, Any], folder: Path, prepare: str, writer: str) -> None:
     """Run one writer on one disk and judge how it ends."""
     row["tried"] += 1
-    run = f"import sys; from msls_ros.commands.{writer} import main; sys.exit(main(sys.argv[1:]))"
     script = f'{prepare} {{ "$@"; code=$?; {CHECK}; }}'
-    command = [*(_apart() if "mount" in prepare else []), "bash", "-c", script, "writer", sys.executable, "-c", run]
+    command = [*(_apart() if "mount" in prepare else []), "bash", "-c", script, "writer", *program(writer)]
     given = {"cwd": folder, "stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
     if writer == "recorder":
         code, said = _record(command + WRITERS[writer], given)

@@ -23,6 +23,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from benchmarks.programs import program
 from msls_ros.nodes.loopback import PROFILE, RANGE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -168,9 +169,8 @@ def _ip(*words: str, inside: int | None = None) -> None:
 def _start(stack: ExitStack, site: int, name: str, reports: dict[str, Path], *given: str) -> subprocess.Popen[bytes]:
     environment = {**os.environ, RANGE: "SUBNET", "FASTDDS_BUILTIN_TRANSPORTS": "UDPv4"}
     environment.pop(PROFILE, None)
-    code = f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"
-    program = ["-m", "benchmarks.fault_watched", name, str(reports[name])] if name in reports else ["-c", code]
-    command = ["nsenter", "-t", str(site), "-n", sys.executable, *program, "--ros-args", *given]
+    watched = [sys.executable, "-m", "benchmarks.fault_watched", name, str(reports[name])] if name in reports else None
+    command = ["nsenter", "-t", str(site), "-n", *(watched or program(name)), "--ros-args", *given]
     process = subprocess.Popen(command, cwd=ROOT, env=environment, stdout=sys.stderr)
     stack.callback(process.wait)
     stack.callback(process.kill)

@@ -13,7 +13,6 @@ import random
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -23,6 +22,7 @@ from typing import Any
 
 from msls_msgs.msg import DitherCommand, EffectorCommand, LinearModel, StateSample
 
+from benchmarks.programs import program
 from msls_ros import messages
 from msls_ros.bags import BagReader
 from msls_ros.testing import Bench
@@ -39,10 +39,9 @@ LIMIT = 600.0
 
 def launch(name: str, folder: Path, domain: int, *given: str) -> subprocess.Popen[bytes]:
     """Start a node as a process."""
-    code = f"import sys; from msls_ros.commands.{name} import main; sys.exit(main())"
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain)}
     with (folder / f"{name}.log").open("ab") as log:
-        command = [sys.executable, "-c", code, "--ros-args", *given]
+        command = [*program(name), "--ros-args", *given]
         return subprocess.Popen(command, cwd=folder, env=environment, stdout=log, stderr=log)
 
 

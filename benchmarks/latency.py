@@ -22,6 +22,7 @@ from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 
+from benchmarks.programs import program
 from msls_ros import messages
 from msls_ros.estimation import Configuration
 from msls_ros.nodes.quality import reliable
@@ -104,9 +105,7 @@ class Probe:
 
 def _start(who: str, rate: float, domain: int, core: int | None) -> subprocess.Popen[bytes]:
     """Start the one that is measured, on a core of its own where there are two."""
-    module = "msls_ros.commands.identifier" if who == "identifier" else "benchmarks.relay"
-    code = "import sys; from msls_ros.commands.identifier import main; sys.exit(main())"
-    command = [sys.executable, *(["-c", code] if who == "identifier" else ["-m", module])]
+    command = program("identifier") if who == "identifier" else [sys.executable, "-m", "benchmarks.relay"]
     given = ["--ros-args", "-r", f"__ns:=/{who}", "--log-level", "error"]
     given += ["-p", f"sample_rate:={float(rate)}"] if who == "identifier" else []
     environment = {**os.environ, "ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
