@@ -307,9 +307,10 @@ def begin_anew(s: BankSettings, x: BankState, phi: Array) -> None:
 def split_bank(s: BankSettings, x: BankState, alarm: Integers) -> None:
     """Take the alarmed rows out of their groups into one that begins anew."""
     target = free_group(x, alarm)
+    joins = x.alert[0] < x.ring.shape[1]
     for q in range(alarm.shape[0]):
         if alarm[q] != 0:
-            keep_before(s, x, q)
+            keep_before(s, x, q, joins)
     clear_factors(s, x, target)
     x.waiting[target] = s.straddle
     if s.straddle == 0 or x.response[0] > 0:  # of before, that is not known to a sample either
@@ -370,27 +371,34 @@ def restart_row(x: BankState, q: int) -> None:
 
 
 @compiled
-def keep_before(s: BankSettings, x: BankState, q: int) -> None:
+def keep_before(s: BankSettings, x: BankState, q: int, joins: bool) -> None:
     """Keep what was known of row q before its first alarm, for isolation.
 
     Through a window a change has come in, and has been learnt from, for samples before it alarms, by one error or by
-    the mean of many: there it is what was known before all of these.
+    the mean of many: there it is what was known before all of these. And where a row joins an alarm of others (``joins``),
+    it has learnt from the samples since; it begins anew from what it was before the first of these.
     """
     if x.pending[q] != 0:
         return
     x.pending[q] = 1
-    p = x.mixed.shape[1]
-    back = 1 + (s.straddle + s.windows[s.windows.shape[0] - 1]) // s.stride
-    if s.straddle > 0 and x.kept[0] - x.kept[1] > back:
-        slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
-        for i in range(p):
+    p, slots = x.mixed.shape[1], x.kept_theta.shape[0]
+    slot = -1
+    if s.straddle > 0:
+        back = 1 + (s.straddle + s.windows[s.windows.shape[0] - 1]) // s.stride
+        if x.kept[0] - x.kept[1] > back:
+            slot = (x.kept[0] - 1 - back) % slots
+    elif joins and 0 < x.kept[1] and x.kept[0] - x.kept[1] < slots:
+        slot = (x.kept[1] - 1) % slots
+    for i in range(p):
+        if slot >= 0:
             x.theta_before[q, i] = x.kept_theta[slot, q, i]
             x.square_before[q, i] = x.kept_square[slot, q, i]
-        return
-    for i in range(p):
-        x.theta_before[q, i] = x.mixed[q, i]
-        square = x.square_moved[q, i] * doubt(s, x, i)
-        x.square_before[q, i] = square_of_change(x, q, i, square) + square_of_move(s, x, q, i)
+            if joins:
+                x.mixed[q, i] = x.theta_before[q, i]
+        else:
+            x.theta_before[q, i] = x.mixed[q, i]
+            square = x.square_moved[q, i] * doubt(s, x, i)
+            x.square_before[q, i] = square_of_change(x, q, i, square) + square_of_move(s, x, q, i)
 
 
 @compiled
