@@ -17,17 +17,33 @@ REFERENCE = 0.25
 def find_suspects(s: BankSettings, x: BankState, phi: Array, e: Array, alarm: Integers) -> None:
     """Note which effectors' losses may have made the alarm: by prediction errors e (r,) and phi (p,), constant first.
 
-    The loss of an effector makes at most what it does.
+    The loss of an effector makes at most what it does: all of its deflection, at trim too, for that moment is lost as
+    well. With it all effectors are suspected that have a surface in common with it.
     """
     fresh = True
     for q in range(alarm.shape[0]):
         fresh = fresh and x.pending[q] == 0
     for j in range(x.suspected.shape[0]):
-        i = s.effectors_from + 1 + j
         x.suspected[j] = 0 if fresh else x.suspected[j]
+    for j in range(x.suspected.shape[0]):
+        i = s.effectors_from + 1 + j
+        deflected = max(abs(phi[i]), abs(phi[i] - x.phi_mean[i]))
+        made = False
         for q in range(alarm.shape[0]):
-            if alarm[q] != 0 and 2.0 * abs(x.mixed[q, i] * (phi[i] - x.phi_mean[i])) > abs(e[q]):
-                x.suspected[j] = 1
+            made = made or (alarm[q] != 0 and 2.0 * abs(x.mixed[q, i]) * deflected > abs(e[q]))
+        if made:
+            suspect(s, x, j)
+
+
+@compiled
+def suspect(s: BankSettings, x: BankState, j: int) -> None:
+    """Note effector j, and all that have a surface in common with it."""
+    x.suspected[j] = 1
+    for k in range(s.gains.shape[0]):
+        if s.gains[k, j] != 0.0:
+            for other in range(x.suspected.shape[0]):
+                if s.gains[k, other] != 0.0:
+                    x.suspected[other] = 1
 
 
 @compiled
