@@ -375,8 +375,8 @@ def keep_before(s: BankSettings, x: BankState, q: int, joins: bool) -> None:
     """Keep what was known of row q before its first alarm, for isolation.
 
     Through a window a change has come in, and has been learnt from, for samples before it alarms, by one error or by
-    the mean of many: there it is what was known before all of these. And where a row joins an alarm of others (``joins``),
-    it has learnt from the samples since; it begins anew from what it was before the first of these.
+    the mean of many: there it is what was known before all of these. And where a row joins an alarm of others
+    (``joins``), it has learnt from the samples since; it begins anew from what it was before the first of these.
     """
     if x.pending[q] != 0:
         return
@@ -387,7 +387,7 @@ def keep_before(s: BankSettings, x: BankState, q: int, joins: bool) -> None:
         back = 1 + (s.straddle + s.windows[s.windows.shape[0] - 1]) // s.stride
         if x.kept[0] - x.kept[1] > back:
             slot = (x.kept[0] - 1 - back) % slots
-    elif joins and 0 < x.kept[1] and x.kept[0] - x.kept[1] < slots:
+    elif joins and x.kept[1] > 0 and x.kept[0] - x.kept[1] < slots:
         slot = (x.kept[1] - 1) % slots
     for i in range(p):
         if slot >= 0:
