@@ -51,19 +51,17 @@ LEAST = 0.01
 
 
 @compiled
-def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: Array, b: Array) -> None:
+def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: Array) -> None:
     """Squared bias of row q's estimates by noise in the regressors, and ``x.widened``: the share that is noise.
 
     Parameters
     ----------
     s, x
-        Settings and state.
+        Settings and state; where there is noise, ``x.columns`` is filled in.
     q, m
         Row, and the member that leads there.
     noise
         (r,) variance of the noise in the states, that are the first regressors.
-    w
-        (p,) scratch.
     b
         (p,) out, constant first.
     """
@@ -73,11 +71,15 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, w: 
     for i in range(p):
         b[i] = 0.0
         share[i] = 0.0
+    solved = False
     for n in range(1, p):
         variance = noise_in(s, x, g, n, m, noise)
         if variance <= NOTICED * x.info[g, n, m]:
             continue
-        solve_column(x.R[g], m, n, w)
+        if not solved:
+            invert(x.R[g], m, x.columns)
+            solved = True
+        w = x.columns[n]
         turned = turned_part(s, x, q, n, m)
         if turned != 0.0:
             turned = entering_part(s, x, q, n, turned)
@@ -110,19 +112,41 @@ def turned_part(s: BankSettings, x: BankState, q: int, i: int, m: int) -> float:
 
 
 @compiled
-def solve_column(R: Array, m: int, n: int, w: Array) -> None:
-    """Column n of ``(R'R)^-1`` of member m: (p, p, m), (p,) out."""
-    p = w.shape[0]
+def invert(R: Array, m: int, inverse: Array) -> None:
+    """Fill in ``(R'R)^-1`` of member m: (p, p, m), (p, p) out, column n in row n.
+
+    All columns at once, so that the inner loops wait for no sum.
+    """
+    p = inverse.shape[0]
     for j in range(p):
-        total = 1.0 if j == n else 0.0
-        for k in range(n, j):
-            total -= R[k, j, m] * w[k]
-        w[j] = total / R[j, j, m] if j >= n else 0.0
+        row = inverse[j]
+        for n in range(p):
+            row[n] = 1.0 if j == n else 0.0
+        for k in range(j):
+            take_times(row, inverse[k], R[k, j, m], k + 1)
+        divide(row, R[j, j, m], j + 1)
     for j in range(p - 1, -1, -1):
-        total = w[j]
+        row = inverse[j]
         for k in range(j + 1, p):
-            total -= R[j, k, m] * w[k]
-        w[j] = total / R[j, j, m]
+            take_times(row, inverse[k], R[j, k, m], p)
+        divide(row, R[j, j, m], p)
+    for j in range(p):
+        for n in range(j):
+            inverse[j, n], inverse[n, j] = inverse[n, j], inverse[j, n]
+
+
+@compiled
+def take_times(row: Array, other: Array, factor: float, number: int) -> None:
+    """``row -= factor other``, so many of them."""
+    for n in range(number):
+        row[n] -= factor * other[n]
+
+
+@compiled
+def divide(row: Array, by: float, number: int) -> None:
+    """``row /= by``, so many of them."""
+    for n in range(number):
+        row[n] /= by
 
 
 @compiled

@@ -39,7 +39,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.attenuation import ATTENUATED, NOTICED, noise_in, solve_column, turned_part
+from msls_ros.estimation.bank.attenuation import ATTENUATED, NOTICED, noise_in, turned_part
 from msls_ros.estimation.bank.effector_noise import MEDIAN, entering_part
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
@@ -72,7 +72,7 @@ def correct(s: BankSettings, x: BankState, q: int, m: int, noise: Array, bias: A
     Parameters
     ----------
     s, x
-        Settings and state; ``x.widened`` is that of these errors.
+        Settings and state; ``x.widened`` is that of these errors, ``x.columns`` as `attenuation` left it.
     q, m
         Row, and the member that leads there.
     noise
@@ -92,7 +92,6 @@ def correct(s: BankSettings, x: BankState, q: int, m: int, noise: Array, bias: A
         x.removed[n] = 0.0
         if variance <= NOTICED * x.info[x.group[q], n, m]:
             continue
-        solve_column(x.R[x.group[q]], m, n, x.columns[n])
         doubtful = VAGUE * (1.0 + hidden_share(x, q, n))
         vague = doubtful * doubtful / (1.0 + doubtful * doubtful)
         white = white_share(s, x, q, m, n, variance)

@@ -114,9 +114,13 @@ def inertial_square(s: BankSettings, x: BankState, q: int, i: int, turn: float) 
 
 @compiled
 def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """As `speed_from_mean`, from where coefficient i of row q was known best."""
+    """As `speed_from_mean`, from where coefficient i of row q was known best; logarithms are kept, many are the same."""
     if not s.scaled:
         return 0.0
     last = x.place.shape[0] - 1
-    step = logarithm(max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST))
-    return step * step
+    ratio = max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST)
+    ratios, steps = x.compared_speed[0], x.compared_speed[1]
+    if ratio != ratios[i]:
+        steps[i] = steps[i - 1] if i > 0 and ratio == ratios[i - 1] else logarithm(ratio)
+        ratios[i] = ratio
+    return float(steps[i] * steps[i])

@@ -44,14 +44,19 @@ LEAST_LEFT = 1e-9
 
 @compiled
 def whiten(work: BankWork) -> None:
-    """Divide the change ``work.w``, the surfaces' directions and the columns of the factor by their deviations.
+    """Divide the change ``work.w`` by its deviations."""
+    for i in range(1, work.w.shape[0]):
+        work.w[i] *= work.whitening[i]
+
+
+@compiled
+def whiten_directions(work: BankWork) -> None:
+    """Divide the surfaces' directions and the columns of the factor by their deviations.
 
     Squared lengths stand at the constant's place of ``work.white_steps`` (k, p) and ``work.white_columns`` (p, p), of
     which row j is column j of the factor.
     """
     p = work.w.shape[0]
-    for i in range(1, p):
-        work.w[i] *= work.whitening[i]
     for k in range(work.steps.shape[0]):
         size = 0.0
         for i in range(1, p):
@@ -62,7 +67,7 @@ def whiten(work: BankWork) -> None:
     for j in range(1, p):
         size = 0.0
         for i in range(1, j + 1):
-            step = work.factor[i, j] * work.whitening[i]
+            step = work.columns[j, i] * work.whitening[i]
             work.white_columns[j, i] = step
             size += step * step
         for i in range(j + 1, p):
@@ -72,7 +77,7 @@ def whiten(work: BankWork) -> None:
 
 @compiled
 def discount_reference(before: Array, square: Array, q: int, n: float, known: float, work: BankWork) -> float:
-    """Whiten row q's change by the errors of the older estimates, after `whiten`.
+    """Whiten row q's change by the errors of the older estimates, after `whiten` and `whiten_directions`.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ from msls_ros.estimation.bank.drag import is_drag
 from msls_ros.estimation.bank.effector_noise import resting_noise, slow_noise
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import OUTLIER, find_whitening, observe_sums
-from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten
+from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten, whiten_directions
 from msls_ros.estimation.bank.noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank.residual import LARGEST_COLOUR
 from msls_ros.estimation.bank.state import BankState
@@ -249,12 +249,7 @@ def compare_surfaces(
     p = before.shape[1]
     m = s.loss_members[a]
     excess = 0.0
-    for k in range(s.gains.shape[0]):
-        work.change[k] = 0.0
-        work.variance[k] = 0.0
-        work.explained[k] = 0.0
-    for i in range(p):
-        work.by_state[i] = 0.0
+    begin_comparison(s, x, work)
     prepared = -1
     for q in range(before.shape[0]):
         n = noise_of(s, x, q, a) if work.concerned[q] != 0 else 0.0
@@ -267,17 +262,20 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
-        for j in range(1, p):
-            work.difference[j] = x.members[q, j, m] - before[q, j]
+            if s.straddle == 0:
+                whiten_directions(work)
         for i in range(1, p):
-            total = 0.0
-            for j in range(i, p):
-                total += work.factor[i, j] * work.difference[j]
-            work.w[i] = total
+            work.w[i] = 0.0
+        for j in range(1, p):
+            add_times(work.w, work.columns[j], x.members[q, j, m] - before[q, j], j + 1)
         fitted = take_off_noise(s, x, before, q, m, work)
-        find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
-        whiten(work)
-        taken = discount_reference(before, square, q, n, known, work) if scattered and s.straddle > 0 else 0.0
+        taken = 0.0
+        if s.straddle > 0:
+            find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
+            whiten_directions(work)
+            whiten(work)
+            taken = discount_reference(before, square, q, n, known, work) if scattered else 0.0
+        project(work)
         changed = 0.0
         for i in range(1, p):
             changed += work.w[i] * work.w[i]
@@ -298,22 +296,57 @@ def compare_surfaces(
 
 
 @compiled
+def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
+    """Clear what is filled in, and find how noisy the deflections are, ``work.resting`` and ``work.slow``."""
+    for k in range(s.gains.shape[0]):
+        work.change[k] = 0.0
+        work.variance[k] = 0.0
+        work.explained[k] = 0.0
+    for i in range(work.by_state.shape[0]):
+        work.by_state[i] = 0.0
+    for j in range(s.gains.shape[1]):
+        work.resting[j] = resting_noise(s, x, j)
+        work.slow[j] = slow_noise(s, x, j)
+
+
+@compiled
 def find_directions(s: BankSettings, R: Array, m: int, work: BankWork) -> None:
     """Take the factor of member m out of (p, p, m), and find the direction ``R a`` of every surface's loss in it."""
     p = R.shape[0]
     first = s.effectors_from + 1
-    for i in range(p):
-        for j in range(i, p):
-            work.factor[i, j] = R[i, j, m]
+    for j in range(p):
+        for i in range(j + 1):
+            work.columns[j, i] = R[i, j, m]
     for k in range(s.gains.shape[0]):
         for i in range(p):
             work.steps[k, i] = 0.0
         for j in range(s.gains.shape[1]):
             if s.gains[k, j] != 0.0:
                 for i in range(1, first + j + 1):
-                    work.steps[k, i] += work.factor[i, first + j] * s.gains[k, j]
+                    work.steps[k, i] += work.columns[first + j, i] * s.gains[k, j]
         for i in range(1, p):
             work.steps[k, 0] += work.steps[k, i] * work.steps[k, i]
+
+
+@compiled
+def add_times(w: Array, column: Array, factor: float, number: int) -> None:
+    """``w += factor column``, so many of them but the constant."""
+    for i in range(1, number):
+        w[i] += factor * column[i]
+
+
+@compiled
+def project(work: BankWork) -> None:
+    """Find what ``work.w`` has in common with every surface's direction, and the squared length of that."""
+    for k in range(work.steps.shape[0]):
+        direction = work.white_steps[k]
+        along = 0.0
+        size = 0.0
+        for i in range(1, work.w.shape[0]):
+            along += direction[i] * work.w[i]
+            size += direction[i] * direction[i]
+        work.along[k] = along
+        work.size[k] = size
 
 
 @compiled
@@ -321,12 +354,12 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
     """Add up what a change of a single state's column in each row explains, of ``work.w``."""
     w = work.w
     for j in range(1, s.effectors_from + 1):
+        column = work.white_columns[j]
         size = 0.0
         along = 0.0
-        for i in range(1, w.shape[0]):
-            step = work.white_columns[j, i]
-            size += step * step
-            along += step * w[i]
+        for i in range(1, j + 1 if s.straddle == 0 else w.shape[0]):  # zeros follow
+            size += column[i] * column[i]
+            along += column[i] * w[i]
         if size > LEAST_LEFT * work.white_columns[j, 0]:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
 
@@ -336,14 +369,8 @@ def most_by_surface(work: BankWork) -> float:
     """Return the most that one surface explains of a row's change, ``work.w``."""
     most = 0.0
     for k in range(work.steps.shape[0]):
-        along = 0.0
-        size = 0.0
-        for i in range(1, work.w.shape[0]):
-            step = work.white_steps[k, i]
-            size += step * step
-            along += step * work.w[i]
-        if size > LEAST_LEFT * work.white_steps[k, 0]:
-            most = max(most, along * along / size)
+        if work.size[k] > LEAST_LEFT * work.white_steps[k, 0]:
+            most = max(most, work.along[k] * work.along[k] / work.size[k])
     return most
 
 
@@ -370,19 +397,16 @@ def compare_row(
         return
     first = s.effectors_from + 1
     count = x.taken[x.group[q], s.loss_members[a]]
-    size = 0.0
-    along = 0.0
-    for i in range(1, before.shape[1]):
-        step = work.white_steps[k, i]
-        size += step * step
-        along += step * work.w[i]
+    size, along = work.size[k], work.along[k]
     part = work.white_steps[k, 0] / work.steps[k, 0] if work.steps[k, 0] > 0.0 else 1.0
     noise = 0.0
     most = 0.0
     for j in range(s.gains.shape[1]):
-        weighed = s.gains[k, j] * count * resting_noise(s, x, j)
+        if s.gains[k, j] == 0.0:
+            continue
+        weighed = s.gains[k, j] * count * work.resting[j]
         noise += weighed * s.gains[k, j]
-        most += s.gains[k, j] * count * slow_noise(s, x, j) * s.gains[k, j]
+        most += s.gains[k, j] * count * work.slow[j] * s.gains[k, j]
         along += weighed * before[q, first + j] * part
     if size <= part * most / (1.0 - MOTION) or size <= LEAST_LEFT * work.white_steps[k, 0]:
         return

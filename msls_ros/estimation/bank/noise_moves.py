@@ -32,10 +32,10 @@ from msls_ros.estimation.kernel import Array
 def find_noise_moves(s: BankSettings, x: BankState, g: int, m: int, work: BankWork) -> None:
     """Find which way noise in each state moves the estimates of member m of group g: ``work.noise_moves``.
 
-    Row i holds ``R'^-1 e_i`` for the factor ``work.factor`` without the constant, and ``n sigma^2`` at its place; 0 of
-    what is hardly noise.
+    Row i holds ``R'^-1 e_i`` for the factor ``work.columns`` without the constant, and ``n sigma^2`` at its place; 0 of
+    what is hardly noise. ``work.moved`` holds its squared length.
     """
-    p = work.factor.shape[0]
+    p = work.columns.shape[0]
     for i in range(1, s.effectors_from + 1):
         move = work.noise_moves[i]
         variance = 0.0
@@ -44,11 +44,15 @@ def find_noise_moves(s: BankSettings, x: BankState, g: int, m: int, work: BankWo
         move[0] = variance if variance > NOTICED * x.info[g, i, m] else 0.0
         if move[0] <= 0.0:
             continue
+        size = 0.0
         for j in range(1, p):
+            column = work.columns[j]
             total = 1.0 if j == i else 0.0
             for k in range(i, j):
-                total -= work.factor[k, j] * move[k]
-            move[j] = total / work.factor[j, j] if j >= i else 0.0
+                total -= column[k] * move[k]
+            move[j] = total / column[j] if j >= i else 0.0
+            size += move[j] * move[j]
+        work.moved[i] = size
 
 
 @compiled
@@ -72,7 +76,7 @@ def take_off_noise(s: BankSettings, x: BankState, before: Array, q: int, m: int,
         How many directions were fitted, of each a part between none and all that noise makes: degrees of freedom that
         ``work.w`` has lost.
     """
-    p = work.factor.shape[0]
+    p = work.columns.shape[0]
     fitted = 0
     for i in range(1, s.effectors_from + 1):
         move = work.noise_moves[i]
@@ -83,11 +87,9 @@ def take_off_noise(s: BankSettings, x: BankState, before: Array, q: int, m: int,
             turned = entering_part(s, x, q, i, turned)
         amount = move[0] * (before[q, i] + turned)
         along = 0.0
-        size = 0.0
         for j in range(i, p):
             along += work.w[j] * move[j]
-            size += move[j] * move[j]
-        whole = amount * amount * size
+        whole = amount * amount * work.moved[i]
         if whole <= 0.0:
             continue
         share = min(max(-amount * along / whole, 0.0), 1.0)

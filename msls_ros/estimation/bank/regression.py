@@ -181,7 +181,7 @@ class BankRegression:
 
         At the speed of the last sample, but without what speed makes of derivatives by velocities (`bank.speed`).
         """
-        found = self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0), 1.0)
+        found = self._covariance(self.state.R[self.state.group[0]], leading_member(self.state, 0, self._work.e), 1.0)
         p = len(found)
         power = np.array([power_of(self.settings, (i + 1) % p, ratio_of(self.state)) for i in range(p)])
         scaled: Array = found * (power[:, None] * power[None, :])

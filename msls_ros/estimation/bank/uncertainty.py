@@ -118,18 +118,22 @@ FIRST = 128
 
 
 @compiled
-def leading_member(x: BankState, q: int) -> int:
-    """Return the member that counts most in row q's estimates, on average over the coefficients."""
-    members = x.weight.shape[1]
+def leading_member(x: BankState, q: int, share: Array) -> int:
+    """Return the member that counts most in row q's estimates, on average over the coefficients; (m,) scratch."""
     info = x.info[x.group[q]]
+    weight = x.weight[q]
+    for m in range(share.shape[0]):
+        share[m] = 0.0
+    for i in range(info.shape[0]):
+        own = info[i]
+        known = x.known[q, i]
+        for m in range(share.shape[0]):
+            share[m] += weight[m] * own[m] / known
     leader = 0
     most = -1.0
-    for m in range(members):
-        share = 0.0
-        for i in range(info.shape[0]):
-            share += x.weight[q, m] * info[i, m] / x.known[q, i]
-        if share > most:
-            most = share
+    for m in range(share.shape[0]):
+        if share[m] > most:
+            most = share[m]
             leader = m
     return leader
 
@@ -151,12 +155,11 @@ def learnt_from_data(s: BankSettings, x: BankState, q: int, m: int) -> float:
 
 @compiled
 def direct_squares(
-    s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
+    s: BankSettings, x: BankState, q: int, leader: int, noise: Array, products: Array, bias: Array, squares: Array
 ) -> bool:
     """Squared standard errors by what the members know now, (p,) out, constant first; False while too few tell."""
     p = squares.shape[0]
     age = x.age[x.group[q]]
-    leader = leading_member(x, q)
     free = age - learnt_from_data(s, x, q, leader) - 2.0
     if x.residual[q, 0] <= 0.0 or free <= 0.0:  # an output that has never done anything has said nothing
         for i in range(p):
@@ -164,7 +167,7 @@ def direct_squares(
         return False
     variance = residual_variance(x, q) * age / free
     systematic = common_part(x, q)
-    attenuation(s, x, q, leader, noise, squares, bias)
+    attenuation(s, x, q, leader, noise, bias)
     away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
     for i in range(p):
         info = x.info[x.group[q], i]
@@ -186,7 +189,7 @@ def direct_squares(
 
 
 @compiled
-def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares: Array) -> None:
+def observe_answers(s: BankSettings, x: BankState, q: int, leader: int, bias: Array, squares: Array) -> None:
     """Note which effectors row q's output answers for certain; of what `widen` made of its squared errors (p,).
 
     Errors that are shares of the estimate itself do not count: they make no answer of none.
@@ -197,7 +200,6 @@ def observe_answers(s: BankSettings, x: BankState, q: int, bias: Array, squares:
     away = 0.0
     apart = 0.0
     if waiting:
-        leader = leading_member(x, q)
         away, apart = distance_from_mean(s, x, q, leader), speed_from_mean(s, x, q, leader)
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
@@ -284,8 +286,9 @@ def keep_best(
 ) -> None:
     """Keep row q's estimates where they are known better than what is kept is good for now."""
     turn = (x.samples[0] + q) // KEEP
+    leader = leading_member(x, q, products)
     if turn % RARELY == 0:
-        observe_batches(s, x, q, leading_member(x, q), RARELY * KEEP)
+        observe_batches(s, x, q, leader, RARELY * KEEP)
     if turn % RARELY == 0 or x.samples[0] < FIRST:
         find_late_square(s, x, q, products)
     block = x.samples[0] // max(round(LATELY / (1.0 - s.colour_forgetting)), 1)
@@ -294,9 +297,9 @@ def keep_best(
         for i in range(squares.shape[0]):
             x.square_lately[1, q, i] = x.square_lately[0, q, i]
             x.square_lately[0, q, i] = 0.0
-    begun = direct_squares(s, x, q, noise, products, bias, squares)
+    begun = direct_squares(s, x, q, leader, noise, products, bias, squares)
     if begun:
-        observe_answers(s, x, q, bias, squares)
+        observe_answers(s, x, q, leader, bias, squares)
     for i in range(squares.shape[0]):
         carried = carried_square(s, x, q, i, x.mixed[q, i])
         x.carried[q, i] = carried
@@ -311,7 +314,7 @@ def keep_best(
         for i in range(squares.shape[0]):
             x.correction[q, i] = 0.0
         return
-    correct(s, x, q, leading_member(x, q), noise, bias, squares)
+    correct(s, x, q, leader, noise, bias, squares)
     for i in range(squares.shape[0]):
         if squares[i] == math.inf:
             continue
@@ -362,8 +365,9 @@ def bank_errors(
     """
     p = errors.shape[0]
     residual = math.sqrt(x.residual[q, 0] / x.residual[q, 1]) if x.residual[q, 1] > 0.0 else math.nan
-    if direct_squares(s, x, q, noise, products, bias, errors):
-        correct(s, x, q, leading_member(x, q), noise, bias, errors)
+    leader = leading_member(x, q, products)
+    if direct_squares(s, x, q, leader, noise, products, bias, errors):
+        correct(s, x, q, leader, noise, bias, errors)
     sum_square = 0.0
     for i in range(p):
         value = x.mixed[q, i] + x.shift[q, i] - x.best_correction[q, i]

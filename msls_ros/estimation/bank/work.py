@@ -68,9 +68,17 @@ class BankWork(NamedTuple):
     reference: Array
     """(r, k) squared relative errors of what it is compared with [1]."""
     difference: Array
-    """(p,) of its estimates from older ones."""
+    """(p,) scratch: a column."""
     factor: Array
-    """(p, p) of one member."""
+    """(p, p) scratch: a factor."""
+    columns: Array
+    """(p, p) the columns of the factor of the member that is compared, as rows."""
+    along: Array
+    """(k,) what a row's change has in common with the direction of each surface's loss, and its squared length."""
+    size: Array
+    resting: Array
+    """(c,) variances of the noise in the deflections, and of that which cannot be excluded."""
+    slow: Array
     whitening: Array
     """(p,) by what its coordinates of a change are multiplied, for all to have the same noise [1]."""
     steps: Array
@@ -80,6 +88,8 @@ class BankWork(NamedTuple):
     white_columns: Array
     noise_moves: Array
     """(p, p) by state, which way noise in it moves the estimates there, see `bank.noise_moves`."""
+    moved: Array
+    """(p,) squared lengths of these."""
 
 
 def make_bank_work(s: BankSettings, rows: int) -> BankWork:
@@ -116,9 +126,15 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         reference=np.zeros((rows, k)),
         difference=np.zeros(p),
         factor=np.zeros((p, p)),
+        columns=np.zeros((p, p)),
+        along=np.zeros(k),
+        size=np.zeros(k),
+        resting=np.zeros(s.gains.shape[1]),
+        slow=np.zeros(s.gains.shape[1]),
         whitening=np.ones(p),
         steps=np.zeros((k, p)),
         white_steps=np.zeros((k, p)),
         white_columns=np.zeros((p, p)),
         noise_moves=np.zeros((p, p)),
+        moved=np.zeros(p),
     )

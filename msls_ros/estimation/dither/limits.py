@@ -251,9 +251,10 @@ def left_of_window(x: Effectors, ahead: float, most: float) -> float:
 
     ``most`` is the largest rms over the window, over the limit.
     """
-    slot, total = x.clock[SLOT], 0.0
-    for i in range(int(BUCKETS * (1.0 - min(ahead / WINDOW, 1.0)))):
-        total += x.window[int((slot - i) % BUCKETS)]
+    place, total = int(x.clock[SLOT] % BUCKETS), 0.0
+    for _ in range(int(BUCKETS * (1.0 - min(ahead / WINDOW, 1.0)))):
+        total += x.window[place]
+        place = place - 1 if place > 0 else BUCKETS - 1
     return float(max(most * most * WINDOW - x.clock[GROWN] * total, 0.0))
 
 

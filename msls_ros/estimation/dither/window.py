@@ -38,12 +38,15 @@ def modelled_square(
     add, ``unsure`` (m,) [m^2/s^4/rad^2] of each effector.
     """
     axial = lateral = normal = besides = 0.0
+    last = pole = 0.0
     for j in range(x.surface.shape[0]):
         felt(b, law.rows, law.station, j, scratch)
         surface = x.surface[j]
         if ahead > 0.0:
             corner = x.limits[j, CORNER]
-            pole = exponential(-corner * ahead) if corner > 0.0 else 0.0
+            if corner != last:
+                pole = exponential(-corner * ahead) if corner > 0.0 else 0.0
+                last = corner
             surface += (1.0 - pole) * (part * x.command[j] - surface)
         axial += scratch[0] * surface
         lateral += scratch[1] * surface
