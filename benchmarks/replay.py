@@ -27,7 +27,9 @@ MEMORY = 0.98
 
 
 def write_flight(bag: Path, samples: int, configuration: Configuration, seed: int = 0) -> None:
-    """Write a bag of states that obey a linear model, with coloured inputs and a little noise.
+    """Write a bag of states that obey a linear model about level flight, with coloured inputs and a little noise.
+
+    An aircraft that does not fly is not learnt from: that takes a third of the time.
 
     Parameters
     ----------
@@ -44,6 +46,7 @@ def write_flight(bag: Path, samples: int, configuration: Configuration, seed: in
     n, m = len(configuration.states), len(configuration.effectors)
     a, b = random.normal(size=(n, n)) * 0.3, random.normal(size=(n, m)) * 3.0
     size = np.array([configuration.reference_speed if s in "uvw" else 1.0 for s in configuration.states])
+    level = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
     x, delta = np.zeros(n), np.zeros(m)
     header = {"header": header_fields(0)}
     state = MessageTemplate(
@@ -64,7 +67,7 @@ def write_flight(bag: Path, samples: int, configuration: Configuration, seed: in
             for k in range(count):
                 x, delta = MEMORY * x + x_noise[k], MEMORY * delta + delta_noise[k]
                 xs[k], deltas[k] = x, delta
-            states["x"], effectors["delta"] = xs * size, deltas
+            states["x"], effectors["delta"] = level + xs * size, deltas
             states["xdot"] = (xs @ a.T + deltas @ b.T + random.normal(size=(count, n)) * 1e-3) * size
             writer.write_blocks(
                 [("/state", stamps, state.cdr(states)), ("/effectors", stamps, effector.cdr(effectors))]

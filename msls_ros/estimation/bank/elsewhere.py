@@ -114,7 +114,7 @@ def inertial_square(s: BankSettings, x: BankState, q: int, i: int, turn: float) 
 
 @compiled
 def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """As `speed_from_mean`, from where coefficient i of row q was known best; logarithms are kept, many are the same."""
+    """As `speed_from_mean`, from where coefficient i of row q was known best; logarithms are kept for the next."""
     if not s.scaled:
         return 0.0
     last = x.place.shape[0] - 1

@@ -193,14 +193,8 @@ def mix(x: BankState, q: int, y: float, phi: Array, products: Array) -> None:
     members = products.shape[0]
     weight = x.weight[q]
     for i in range(p):
-        info = x.info[x.group[q], i]
-        theta = x.members[q, i]
-        for m in range(members):
-            products[m] = weight[m] * info[m]
-        total = sum_members(products)
-        for m in range(members):
-            products[m] *= theta[m]
-        x.mixed[q, i] = sum_members(products) / total
+        total, product = weigh_members(weight, x.info[x.group[q], i], x.members[q, i])
+        x.mixed[q, i] = product / total
         x.known[q, i] = total
     deviation = x.deviation[x.group[q]]
     for m in range(members):
@@ -212,6 +206,30 @@ def mix(x: BankState, q: int, y: float, phi: Array, products: Array) -> None:
     for i in range(p - 1):
         x.theta[q, i] = x.mixed[q, i + 1]
     x.theta[q, p - 1] = x.mixed[q, 0]
+
+
+@compiled
+def weigh_members(weight: Array, info: Array, theta: Array) -> tuple[float, float]:
+    """Sums of ``weight info`` and ``weight info theta``, (m,) each, as `sum_members` makes them, both in one go."""
+    a = b = c = d = 0.0
+    e = f = g = h = 0.0
+    quarters = (weight.shape[0] - 1) // 4
+    for k in range(quarters):
+        one, two = weight[4 * k] * info[4 * k], weight[4 * k + 1] * info[4 * k + 1]
+        three, four = weight[4 * k + 2] * info[4 * k + 2], weight[4 * k + 3] * info[4 * k + 3]
+        a += one
+        b += two
+        c += three
+        d += four
+        e += one * theta[4 * k]
+        f += two * theta[4 * k + 1]
+        g += three * theta[4 * k + 2]
+        h += four * theta[4 * k + 3]
+    for k in range(4 * quarters, weight.shape[0]):
+        one = weight[k] * info[k]
+        a += one
+        e += one * theta[k]
+    return (a + b) + (c + d), (e + f) + (g + h)
 
 
 @compiled
