@@ -67,6 +67,16 @@ def long_run_factor(x: BankState, q: int) -> float:
 
 
 @compiled
+def kept_variance(x: BankState, q: int) -> float:
+    """Return in what variance what row q keeps over an alarm counts: the smaller of the residual's and the detector's.
+
+    Error bars are in units of the one, and the sum of squares of the other is larger where windows have smoothed noise
+    that members follow: what was known to a variance must not be better known for having been kept.
+    """
+    return float(min(x.base[q, 0] / x.base[q, 1], residual_variance(x, q)))
+
+
+@compiled
 def residual_variance(x: BankState, q: int) -> float:
     """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
     if x.residual[q, 1] <= 0.0:

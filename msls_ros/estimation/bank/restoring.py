@@ -20,6 +20,7 @@ from msls_ros.estimation.bank.forgetting import count_rows
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import TOLERANCE
 from msls_ros.estimation.bank.members import correct, find_information, rotate, solve_gains
+from msls_ros.estimation.bank.residual import kept_variance
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.uncertainty import common_square
 from msls_ros.estimation.bank.work import BankWork
@@ -92,5 +93,5 @@ def information_before(x: BankState, g: int, i: int) -> float:
         variance = x.square_before[q, i] + common_square(x, q, i) + slack * slack
         if x.pending[q] == 0 or x.base[q, 1] <= 0.0 or not 0.0 < variance < math.inf:
             return 0.0
-        least = min(least, x.base[q, 0] / x.base[q, 1] / variance)
+        least = min(least, kept_variance(x, q) / variance)
     return least if least < math.inf else 0.0
