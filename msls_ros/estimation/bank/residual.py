@@ -67,13 +67,15 @@ def long_run_factor(x: BankState, q: int) -> float:
 
 
 @compiled
-def kept_variance(x: BankState, q: int) -> float:
-    """Return in what variance what row q keeps over an alarm counts: the smaller of the residual's and the detector's.
+def kept_variance(s: BankSettings, x: BankState, q: int) -> float:
+    """Return in units of what variance row q takes back after a name what it knew: that of the detector's errors.
 
-    Error bars are in units of the one, and the sum of squares of the other is larger where windows have smoothed noise
-    that members follow: what was known to a variance must not be better known for having been kept.
+    Error bars are in units of the residual's. Through windows that is smaller where members follow smoothed noise, by
+    tens and hundreds: what was known to a variance would be known to a hundredth of it for having been taken back. The
+    smaller of the two counts there; where derivatives are measured, noise makes both.
     """
-    return float(min(x.base[q, 0] / x.base[q, 1], residual_variance(x, q)))
+    base = x.base[q, 0] / x.base[q, 1]
+    return float(min(base, residual_variance(x, q)) if s.straddle > 0 else base)
 
 
 @compiled
