@@ -10,7 +10,7 @@ from estimation.test_bank import PERIOD, SMALL
 from estimation.test_bank_loss_noise import INTERVALS, TRUTH, engine_of, fly
 
 from msls_ros.estimation import Identifier, from_mapping
-from msls_ros.estimation.bank.loss_reference import discount_reference, whiten
+from msls_ros.estimation.bank.loss_reference import discount_reference, whiten, whiten_directions
 from msls_ros.estimation.bank.losses import KNOWN_WELL, compare_surfaces, find_loss
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
@@ -26,8 +26,9 @@ def prepared(square: Array, noise: float = 0.5) -> tuple[BankRegression, Array, 
     work = engine._work
     p = len(work.w)
     factor, w = np.triu(random.normal(size=(p, p)) + 3.0 * np.eye(p)), random.normal(size=p)
-    work.factor[:], work.w[:], work.whitening[:] = factor, w, random.uniform(0.5, 2.0, p)
+    work.columns[:], work.w[:], work.whitening[:] = factor.T, w, random.uniform(0.5, 2.0, p)
     work.steps[:, 1:] = (factor[1:, FIRST:] @ np.diag([1.0, 1.0])).T
+    whiten_directions(work)
     whiten(work)
     scale = work.whitening[1:]
     taken = discount_reference(TRUTH, square, 0, noise, KNOWN_WELL, work)

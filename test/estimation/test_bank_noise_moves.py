@@ -34,7 +34,7 @@ def prepared(noise: float) -> BankRegression:
 def test_it_goes_as_least_squares_with_noisy_regressors_does_and_leaves_surfaces_alone() -> None:
     engine = prepared(0.04)
     s, x, work = engine.settings, engine.state, engine._work
-    factor = np.triu(work.factor)[1:, 1:]
+    factor = np.tril(work.columns).T[1:, 1:]
     before = np.arange(1.0, 19.0).reshape(3, 6)
     draw = np.zeros(5)
     draw[:3] = -0.04 * x.taken[0, MEMBER] * before[0, 1:4]

@@ -12,6 +12,8 @@ from msls_ros.estimation.bank.attenuation import motion_share
 from msls_ros.estimation.bank.lags import lag_square
 from msls_ros.estimation.bank.losses import TOLERANCE
 from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.bank.residual import kept_variance, residual_variance
+from msls_ros.estimation.bank.restoring import information_before
 from msls_ros.estimation.bank.uncertainty import leading_member
 
 FAULT = 250
@@ -78,13 +80,30 @@ def test_what_a_name_takes_back_counts_as_learnt_from_motion_and_a_prior_of_a_st
     engine = engine_of(identifier := Identifier(from_mapping(SMALL)))
     identifier.run(*broken(1.0, seed=3))
     s, x = engine.settings, engine.state
-    g, m = int(x.group[0]), leading_member(x, 0)
+    g, m = int(x.group[0]), leading_member(x, 0, engine._work.e)
     state, effector = 1, s.effectors_from + 1
     alone = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
     for i in (state, effector):
         x.kept_info[g, i] = 0.9 * x.info[g, i, m]
     kept = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
     assert kept == pytest.approx([alone[0] - 0.9, alone[1]])
+
+
+@pytest.mark.parametrize(("interval", "expected"), [(0, 3e-4), (5, 1e-7)])
+def test_through_a_window_what_is_taken_back_is_known_no_better_than_it_was(interval: int, expected: float) -> None:
+    """Members follow what a window has smoothed, and their errors, by which bars go, are a thousandth of all."""
+    engine = engine_of(Identifier(from_mapping(SMALL), interval))
+    s, x = engine.settings, engine.state
+    x.base[0], x.residual[0, :2], x.pending[0] = (3e-2, 100.0, 0.0), (1e-5, 100.0), 1
+    i, error = s.effectors_from + 1, 0.3
+    x.theta_before[0, i], x.square_before[0, i] = 0.4, error**2
+    assert (s.straddle > 0) == (interval > 0)
+    assert kept_variance(s, x, 0) == pytest.approx(expected)
+    x.group[1:] = 1
+    information = information_before(s, x, 0, i)
+    bar = np.sqrt(residual_variance(x, 0) / information)
+    assert information == pytest.approx(expected / (error**2 + (TOLERANCE * 0.4) ** 2))
+    assert interval == 0 or bar >= error
 
 
 def test_a_name_holds_for_the_rows_that_did_not_alarm() -> None:

@@ -67,6 +67,18 @@ def long_run_factor(x: BankState, q: int) -> float:
 
 
 @compiled
+def kept_variance(s: BankSettings, x: BankState, q: int) -> float:
+    """Return in units of what variance row q takes back after a name what it knew: that of the detector's errors.
+
+    Error bars are in units of the residual's. Through windows that is smaller where members follow smoothed noise, by
+    tens and hundreds: what was known to a variance would be known to a hundredth of it for having been taken back. The
+    smaller of the two counts there; where derivatives are measured, noise makes both.
+    """
+    base = x.base[q, 0] / x.base[q, 1]
+    return float(min(base, residual_variance(x, q)) if s.straddle > 0 else base)
+
+
+@compiled
 def residual_variance(x: BankState, q: int) -> float:
     """Return ``s^2 c`` of row q without the degrees of freedom [output^2]; infinite before there is any data."""
     if x.residual[q, 1] <= 0.0:

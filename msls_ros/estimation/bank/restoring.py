@@ -2,9 +2,9 @@
 
 An alarm begins its rows anew, and for as many samples as there are coefficients their estimates hang on few data. Once
 it is settled which surface was lost (`bank.isolation`), what was known of the others holds again. For each group of
-rows that alarmed, with ``v_j`` the variance of effector j's effect before, over its residual's variance (the largest of
-the rows; with what late responses do to it, and `TOLERANCE` of its size, for effects are not wholly linear), and a the
-direction of the named surface, of which nothing is taken back::
+rows that alarmed, with ``v_j`` the variance of effector j's effect before, over that of the row's errors
+(`bank.residual.kept_variance`; the largest of the rows; with what late responses do to it, and `TOLERANCE` of its size,
+for effects are not wholly linear), and a the direction of the named surface, of which nothing is taken back::
 
     information added = P' D P,    D = diag(1 / v_j),    P = I - a a'D / (a'D a)
 
@@ -20,6 +20,7 @@ from msls_ros.estimation.bank.forgetting import count_rows
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import TOLERANCE
 from msls_ros.estimation.bank.members import correct, find_information, rotate, solve_gains
+from msls_ros.estimation.bank.residual import kept_variance
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.uncertainty import common_square
 from msls_ros.estimation.bank.work import BankWork
@@ -50,7 +51,7 @@ def restore_group(s: BankSettings, x: BankState, g: int, k: int, work: BankWork)
     first = s.effectors_from + 1
     size = 0.0
     for j in range(s.gains.shape[1]):
-        work.w[first + j] = information_before(x, g, first + j)
+        work.w[first + j] = information_before(s, x, g, first + j)
         size += s.gains[k, j] * s.gains[k, j] * work.w[first + j]
     for m in range(work.root.shape[0]):
         work.root[m] = 1.0
@@ -82,7 +83,7 @@ def restore_group(s: BankSettings, x: BankState, g: int, k: int, work: BankWork)
 
 
 @compiled
-def information_before(x: BankState, g: int, i: int) -> float:
+def information_before(s: BankSettings, x: BankState, g: int, i: int) -> float:
     """Information about coefficient i, in residual variances, that all rows of group g had before their alarm."""
     least = math.inf
     for q in range(x.group.shape[0]):
@@ -92,5 +93,5 @@ def information_before(x: BankState, g: int, i: int) -> float:
         variance = x.square_before[q, i] + common_square(x, q, i) + slack * slack
         if x.pending[q] == 0 or x.base[q, 1] <= 0.0 or not 0.0 < variance < math.inf:
             return 0.0
-        least = min(least, x.base[q, 0] / x.base[q, 1] / variance)
+        least = min(least, kept_variance(s, x, q) / variance)
     return least if least < math.inf else 0.0
