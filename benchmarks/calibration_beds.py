@@ -250,8 +250,9 @@ def mapped(flight: Recorded, sample_rate: float) -> tuple[Array, Array, Array, A
     n, m = flight.x.shape[1], flight.delta.shape[1]
     window = DerivativeFilter(usual_intervals(sample_rate), 2 * n + m, round(1e9))
     velocity = [k < 3 for k in range(n)]
+    moved = [*[False] * n, *[True] * m, *[False] * n]
     kinds = [*velocity, *[False] * m, *velocity], [*[False] * (n + m), *[True] * n]
-    spikes = SpikeFilter(spike_settings(*kinds, float(np.median(flight.x[:, 0])), 1.0))
+    spikes = SpikeFilter(spike_settings(*kinds, float(np.median(flight.x[:, 0])), 1.0, effector=moved))
     rows = []
     for k in range(len(flight.time)):
         x, known = flight.x[k], flight.xdot[k].copy()

@@ -163,6 +163,7 @@ class Screen:
             c.reference_speed,
             GAP / c.sample_rate,
             slopes,
+            [*[False] * (2 * n), *[True] * m],
         )
         self._spikes = spike_state(2 * n + m)
         sensed = [s != "Psi" for s in c.states]
@@ -297,12 +298,12 @@ def judge_samples(
         changes = False
         for i in range(repeats.counts[4]):
             used = judge_spike(s, spikes, repeats.waits_time[i], repeats.waits[i])
-            for j in range(used + 1):
-                times[total] = spikes.held_time[j] if j < used else repeats.waits_time[i]
+            for j in range(used):
+                times[total] = spikes.ready_time[j]
                 for n in range(samples.shape[1]):
-                    rows[total, n] = spikes.held[j, n] if j < used else repeats.waits[i, n]
+                    rows[total, n] = spikes.ready[j, n]
                 total += 1
-            learnt[k] += max(used + 1, 0)
+            learnt[k] += used
             changes = changes_pace(pace, repeats.waits_time[i]) or changes
         verdict[k] = LEARNT if learnt[k] > 0 else HELD if measured else REPEATED
         if changes:

@@ -157,6 +157,7 @@ class InputAdapter:
                 [*[False] * (n + m), *[True] * n, *[False] * 3],
                 reference_speed,
                 inputs.maximum_age * 1e-9,
+                effector=[*[False] * n, *[True] * m, *[False] * (n + 3)],
             )
         )
         self._names = (*self._states, *self._effectors, *(f"d{name}/dt" for name in self._states), *_RATES)

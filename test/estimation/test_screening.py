@@ -10,7 +10,7 @@ import pytest
 from msls_ros.estimation import Configuration, Identifier, Level, from_mapping
 from msls_ros.estimation.dither.answer import NOT_FLYING, REASONS
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.spikes import LEAST, REST, SpikeFilter, spike_settings
+from msls_ros.estimation.spikes import LEAST, LONGEST, REST, SpikeFilter, spike_settings
 
 Samples = tuple[Array, Array, Array, Array]
 RATE = 50.0
@@ -213,3 +213,66 @@ def test_a_jump_below_the_least_is_motion() -> None:
     window = SpikeFilter(spike_settings([False], [False], 1.0, 0.05))
     for k in range(2 * REST):
         assert len(window.push(k * 20_000_000, np.array([0.9 * LEAST * (k == REST + 5)]))) == 1
+
+
+def stepping(seconds: float) -> list[Array]:
+    """Return rows of a rate with a little noise and of a deflection that steps by .4 rad every second, both ways."""
+    rng = np.random.default_rng(1)
+    found = []
+    for k in range(round(seconds * RATE)):
+        command = 0.4 * ((k // round(RATE)) % 2)
+        found.append(np.array([0.01 * rng.normal(), command + 1e-4 * rng.normal()]))
+    return found
+
+
+def filtered(rows: list[Array], effector: list[bool]) -> tuple[list[int], list[int]]:
+    """Return the numbers of the rows used and dropped; all are used in order."""
+    window = SpikeFilter(spike_settings([False, False], [False, False], 1.0, 0.05, effector=effector))
+    used: list[int] = []
+    dropped: list[int] = []
+    for k, row in enumerate(rows):
+        used += [round(stamp * RATE * 1e-9) for stamp, _ in window.push(round(k / RATE * 1e9), row)]
+        dropped += [round(stamp * RATE * 1e-9) for stamp in window.dropped]
+    assert used == sorted(used)
+    assert not set(used) & set(dropped)
+    return used, dropped
+
+
+def test_a_deflection_that_comes_back_is_a_spike_though_steps_of_commands_are_as_large() -> None:
+    rows = stepping(12.0)
+    at = round(8.4 * RATE)
+    for k in (at, at + 1):
+        rows[k][1] += 0.3
+    assert filtered(rows, [False, True])[1] == [at, at + 1]
+    assert filtered(rows, [False, False])[1] == []  # a state that steps like that moves
+
+
+def test_no_step_of_a_command_is_dropped_and_each_is_used_within_the_longest_spike() -> None:
+    rows = stepping(12.0)
+    used, dropped = filtered(rows, [False, True])
+    assert dropped == []
+    assert len(rows) - len(used) <= LONGEST * RATE + 1
+
+
+def test_a_spike_is_found_among_samples_that_another_number_has_held_up() -> None:
+    rows = stepping(12.0)
+    at = round(8.4 * RATE)
+    for row in rows[at:]:
+        row[0] += 1.0  # stays
+    rows[at + 2][1] += 0.3
+    used, dropped = filtered(rows, [False, True])
+    assert dropped == [at + 2]
+    assert at in used
+
+
+def test_what_has_jumped_and_stayed_is_remembered_whole() -> None:
+    rng = np.random.default_rng(2)
+    rows = [0.01 * rng.normal(size=2) for _ in range(round(12.0 * RATE))]
+    first, second = round(8.0 * RATE), round(10.0 * RATE)
+    for row in rows[first:]:
+        row[0] += 1.0
+    for k in (second, second + 1):
+        rows[k][0] += 1.4  # not further than half as much again
+    assert filtered(rows, [False, False])[1] == []
+    rows[second + 10][0] += 4.0
+    assert len(filtered(rows, [False, False])[1]) == 1
