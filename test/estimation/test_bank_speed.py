@@ -114,7 +114,7 @@ def test_without_it_an_effect_is_that_of_where_it_was_learnt_and_the_bar_says_so
 def test_what_is_handed_out_is_the_tangent_at_the_state_that_is_asked_for() -> None:
     time, x, xdot, delta, made = flight(0.0)
     identifier = Identifier(configuration())
-    count = round(29.0 * RATE)
+    count = round(29.2 * RATE)  # no step of a deflection is so new that it may be a spike
     identifier.run(time[:count], x[:count], xdot[:count], delta[:count], every=count)
     at, moved = x[count - 1].copy(), delta[count - 1]
     estimate = identifier.estimate(float(time[count - 1]), at)
@@ -136,7 +136,7 @@ def test_a_model_is_started_from_as_it_was_handed_out(where: int) -> None:
     """At another speed than it was learnt at, with deflections."""
     time, x, xdot, delta, _ = flight()
     first, second = Identifier(configuration()), Identifier(configuration())
-    count = (round(29.3 * RATE), len(time))[where]
+    count = (round(29.6 * RATE), len(time))[where]
     estimate = first.run(time[:count], x[:count], xdot[:count], delta[:count], every=count).estimates[-1]
     at, moved = x[count - 1], delta[count - 1]
     second.warm_start(estimate.a, estimate.b, estimate.bias, first.covariance, at, moved)
