@@ -113,7 +113,8 @@ taken for noise stays so, though it is answered later; without noise 12 where a 
 def observe_quanta(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the least step of recorded deflections, how often it has shown, their range and rest; phi (p,) as it came.
 
-    It shows where a record rests and goes by it to where it rests again, through a window or not, or goes to and back.
+    It shows where a record rests and goes by it to where it rests again, or goes to and back. Through a window it rests
+    once it has for longer than that: what goes to and back within one is a part of a step there, for as long.
     """
     k = x.samples[0]
     for j in range(x.quantum.shape[1]):
@@ -128,8 +129,9 @@ def observe_quanta(s: BankSettings, x: BankState, phi: Array) -> None:
             continue
         own[2] = min(own[2], now)
         own[3] = max(own[3], now)
-        step = abs(last - now) if now == before else 0.0
-        if abs(now - last) <= RESTING * (own[3] - own[2]):
+        step = abs(last - now) if now == before and s.straddle == 0 else 0.0
+        own[5] = own[5] + 1.0 if abs(now - last) <= RESTING * (own[3] - own[2]) else 0.0
+        if own[5] > s.straddle:
             step = abs(now - own[4])
             own[4] = now
         moved = abs(now - last) if s.straddle == 0 else step

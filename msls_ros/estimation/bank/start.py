@@ -110,7 +110,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unlike=np.zeros((2, rows, effectors)),
         late_square=np.zeros((2, rows, p)),
         deflections=np.zeros((3, effectors)),
-        quantum=np.zeros((5, effectors)),
+        quantum=np.zeros((6, effectors)),
         recorded=np.zeros((2, effectors)),
         third_median=np.zeros(effectors),
         third_floor=np.zeros(effectors),
