@@ -471,6 +471,17 @@ def test_the_step_of_a_record_shows_where_it_moves_smoothly_and_rests(straddle: 
     assert roundings(list(whole), straddle)[-1] == pytest.approx(0.002**2 / 12.0, rel=1e-2)
 
 
+def test_what_goes_to_and_back_within_a_window_is_no_step_of_a_record() -> None:
+    """A damper's record flickers by one step for a sample or three: through the window by parts of it, which rest."""
+    random = np.random.default_rng(5)
+    record = 0.002 * np.round((0.06 * np.sin(0.005 * np.arange(6000))) / 0.002)
+    for start in range(20, 6000, 40):
+        record[start : start + int(random.integers(1, 4))] += 0.002
+    whole = np.convolve(record, np.full(5, 0.2), "valid")
+    found = {round(one, 12) for one in roundings(list(whole), 4)}
+    assert found == {0.0, round(0.002**2 / 12.0, 12)}
+
+
 @pytest.mark.parametrize("straddle", [0, 4], ids=["as recorded", "through a window"])
 def test_commands_and_noise_are_no_steps_of_a_record(straddle: int) -> None:
     """Doublets of one size, ramps of one rate, holds of any size, noise, and what moves smoothly."""
