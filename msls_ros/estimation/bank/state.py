@@ -198,8 +198,8 @@ class BankState(NamedTuple):
     deflections: Array
     """(3, c) the last deflections, a ring, see `bank.effector_noise`."""
     quantum: Array
-    """(6, c) least step of the recorded deflections, how often it has shown, least and largest, where one rested, and for
-    how many samples it has."""
+    """(6, c) least step of the recorded deflections, how often it has shown, least and largest, where one rested, and
+    for how many samples it has."""
     recorded: Array
     """(2, c) the last ones, a ring."""
     third_median: Array
