@@ -25,7 +25,7 @@ from msls_ros.inputs.field_paths import FieldPath
 from msls_ros.inputs.freshness import Freshness
 from msls_ros.nodes.inputs import message_class
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
-from msls_ros.nodes.quality import listen, overriding, publish, reliable
+from msls_ros.nodes.quality import best_effort, listen, overriding, publish, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
 
 OWN = "msls_msgs/msg/EffectorCommand"
@@ -52,6 +52,8 @@ PARAMETERS = {
 
 class MixerNode(Node):
     """Publish `command_out`: the commands of `command_in`, with `dither` added while it is valid.
+
+    `command_in` is subscribed to best effort, which publishers of either kind match; `command_out` is reliable.
 
     Parameters
     ----------
@@ -89,7 +91,7 @@ class MixerNode(Node):
         self._kind = message_class(p["command_type"])
         depth, options = p["queue"], {"qos_overriding_options": overriding()}
         self._publisher = publish(self, self._kind, "command_out", reliable(depth))
-        self.create_subscription(self._kind, "command_in", self._on_command, reliable(depth), raw=True, **options)
+        self.create_subscription(self._kind, "command_in", self._on_command, best_effort(depth), raw=True, **options)
         listen(self, DitherCommand, "dither", reliable(depth), self._on_dither, self._refusals.take)
         self.create_service(SetBool, "~/enable", self._on_enable)
         self._diagnostics = Diagnostics(self, self._health, self._refusals.counts)

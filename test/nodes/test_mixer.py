@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float32MultiArray, Float64MultiArray
@@ -17,6 +18,7 @@ from msls_ros.inputs.field_paths import FieldPath
 from msls_ros.nodes.inputs import message_class
 from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.parameters import NodeError
+from msls_ros.nodes.quality import best_effort, reliable
 from msls_ros.testing import Bench
 
 NAMES = ["de", "dr"]
@@ -87,6 +89,27 @@ def test_commands_of_any_type_go_through_with_dither_and_without(bench: Bench, k
     assert [path.read(mixed) for path in paths] == pytest.approx([0.31, 0.06])
     flow.now += 101_000_000
     assert flow.through(as_it_came) == as_it_came, "stale"
+
+
+@pytest.mark.parametrize("quality", [best_effort(10), reliable(10)], ids=["best effort", "reliable"])
+def test_commands_of_publishers_of_either_quality_go_through(bench: Bench, quality: QoSProfile) -> None:
+    bench.add(MixerNode, effectors=NAMES, command_type="std_msgs/msg/Float64MultiArray", fields=INDEXED)
+    out = bench.listen(Float64MultiArray, "command_out")
+    publisher = bench.probe.create_publisher(Float64MultiArray, "command_in", quality)
+    bench.spin_until(lambda: publisher.get_subscription_count() > 0, "a subscription of that quality")
+
+    def passed() -> bool:
+        publisher.publish(floats())  # again and again: best effort may lose one
+        return bool(out)
+
+    bench.spin_until(passed, "the command")
+    assert out[0] == floats()
+
+
+def test_the_quality_of_the_commands_is_overridden_by_parameters(bench: Bench) -> None:
+    node = bench.add(MixerNode, effectors=NAMES, **{"qos_overrides./command_in.subscription.reliability": "reliable"})
+    (found,) = [s.qos_profile for s in node.subscriptions if s.topic_name == "/command_in"]
+    assert found.reliability == QoSReliabilityPolicy.RELIABLE
 
 
 @pytest.mark.parametrize(("ahead", "mixed"), [(90, True), (110, False), (3_000, False), (1_000_000, True), (-50, True)])
