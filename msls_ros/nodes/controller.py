@@ -35,9 +35,9 @@ from msls_ros.nodes.control_parameters import IN_FLIGHT, PARAMETERS, aircraft_of
 from msls_ros.nodes.parameters import NodeError, checked, declare_table, plain, warn_of_unknown
 from msls_ros.nodes.quality import depth_of, listen, publish, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
-from msls_ros.nodes.transitions import guard_transitions
+from msls_ros.nodes.transitions import explained, guard_transitions
 
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+SUCCESS = TransitionCallbackReturn.SUCCESS
 QUEUE = 2.0
 """What the queues hold [s]."""
 INPUTS: dict[str, Any] = {
@@ -81,19 +81,14 @@ class ControllerNode(LifecycleNode):
         """Samples answered."""
         self.durations: list[int] = []
         """What each answer took [ns], the last thousand."""
-        if self._p["autostart"] and SUCCESS not in (self.trigger_configure(),):
-            message = "the controller could not be configured at the start; its log says why"
+        if self._p["autostart"] and not (self.trigger_configure() == SUCCESS and self.trigger_activate() == SUCCESS):
+            message = "the controller could not be configured and activated at the start; its log says why"
             raise NodeError(message)
-        if self._p["autostart"]:
-            self.trigger_activate()
 
+    @explained
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the law, and the topics."""
-        try:
-            self._aircraft = aircraft_of(self._p)
-        except NodeError as error:
-            self.get_logger().error(str(error))
-            return FAILURE
+        self._aircraft = aircraft_of(self._p)
         warm_up(len(self._aircraft.surfaces))
         self._controller = Controller(self._aircraft, self._settings)
         wait_for = PARTS if self._p["lockstep"] else PARTS[:2]
@@ -118,11 +113,13 @@ class ControllerNode(LifecycleNode):
         self.get_logger().info(f"configured: law {self._settings.law}, surfaces {' '.join(self._aircraft.surfaces)}")
         return SUCCESS
 
+    @explained
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to answer samples."""
-        self._active = True
+        answer = super().on_activate(state)
         self._bond.form()
-        return super().on_activate(state)
+        self._active = True
+        return answer
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop to answer: the stack, or the plant's own trim, takes over."""

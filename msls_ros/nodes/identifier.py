@@ -38,10 +38,10 @@ from msls_ros.nodes.parameters import (
 )
 from msls_ros.nodes.quality import best_effort, depth_of, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals
-from msls_ros.nodes.transitions import guard_transitions
+from msls_ros.nodes.transitions import explained, guard_transitions
 from msls_ros.records import FRAME
 
-SUCCESS, FAILURE = TransitionCallbackReturn.SUCCESS, TransitionCallbackReturn.FAILURE
+SUCCESS = TransitionCallbackReturn.SUCCESS
 NODE_PARAMETERS = {
     "autostart": fixed(True, "configure and activate at the start"),
     "publish_every": fixed(1, "samples per published model", unit="samples", low=1, high=1_000_000),
@@ -121,16 +121,20 @@ class IdentifierNode(LifecycleNode):
             return None
         return self._identifier.estimate(self._sample.time, self._sample.x)
 
+    @explained
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Build the identifier from the parameters, and the topics."""
         try:
-            configuration = read_configuration(self)
-            built = self._build(configuration)
-            self._subscriptions_made = self._subscribe(configuration)
-        except (EstimationError, NodeError) as error:
-            self.get_logger().error(str(error))
-            return FAILURE
-        c = configuration
+            self._configure()
+        except Exception:
+            self._identifier = None  # so that parameters may change before it is tried again
+            raise
+        return SUCCESS
+
+    def _configure(self) -> None:
+        c = read_configuration(self)
+        built = self._build(c)
+        self._subscriptions_made = self._subscribe(c)
         first = built.estimate(0.0, np.zeros(len(c.states)))
         self._outputs = Outputs(self, c, self._p["frame_id"], reliable(depth_of(KEPT, c.sample_rate)), first)
         self._services_offered = [
@@ -145,7 +149,6 @@ class IdentifierNode(LifecycleNode):
         self._diagnostics = Diagnostics(self, self._health, self._synchronizer.refused)
         what = f"{len(c.states)} states, {len(c.effectors)} effectors, {c.sample_rate:g} Hz; inputs "
         self.get_logger().info(f"configured: {what}{', '.join(self._topics)}")
-        return SUCCESS
 
     def _subscribe(self, configuration: Configuration) -> list[Subscription]:
         depth = depth_of(self._p["queue"], configuration.sample_rate)
@@ -154,13 +157,15 @@ class IdentifierNode(LifecycleNode):
             return subscribe(self, self._adapter.topics, foreign, self._on_foreign, self._refuse)
         return subscribe_own(self, reliable(depth), self._on_own)
 
+    @explained
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Start to use what comes in."""
-        self._active = True
-        self._reminder.reset()
-        self.get_logger().info(f"active: waiting for the first sample on {' and '.join(self._topics)}")
+        answer = super().on_activate(state)
         self._bond.form()
-        return super().on_activate(state)
+        self._reminder.reset()
+        self._active = True
+        self.get_logger().info(f"active: waiting for the first sample on {' and '.join(self._topics)}")
+        return answer
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the dither, then ignore what comes in."""
