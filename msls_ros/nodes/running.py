@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 
 import rclpy
-from rclpy._rclpy_pybind11 import RCLError
+from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
 from rclpy.exceptions import ROSInterruptException
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logger_level
@@ -53,6 +53,12 @@ def _run(make: Callable[[], Node], arguments: Sequence[str], stopping: Stopping)
     set_logger_level("rcl", LoggingSeverity.FATAL)  # what it says of wrong arguments is in the exception, too
     try:
         rclpy.init(args=list(arguments), signal_handler_options=SignalHandlerOptions.NO)
+    except UnknownROSArgsError as error:
+        unknown = " ".join(re.findall(r"'([^']*)'", str(error))) or str(error)
+        print(
+            f"msls_ros: ROS does not know '{unknown}'; expected options after --ros-args as in --help", file=sys.stderr
+        )
+        return 2
     except (RCLError, ValueError) as error:
         text = re.sub(r"failed to initialize rcl: |, at \S+:\d+", "", str(error).splitlines()[0])
         print(f"msls_ros: {text}", file=sys.stderr)

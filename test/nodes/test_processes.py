@@ -52,6 +52,10 @@ WRONG = {
     "a parameter file that is missing": (["identifier", "--params-file", "missing.yaml"], "missing.yaml"),
     "a parameter file that is no YAML": (["identifier", "--params-file", "broken.yaml"], "broken.yaml"),
     "an override that cannot be read": (["plant", "-p", "seed"], "seed"),
+    "an option of ROS that is misspelt": (
+        ["identifier", "--parms-file", "x.yaml"],
+        "ROS does not know '--parms-file x.yaml'; expected",
+    ),
     "a bag that exists": (["recorder", "-p", "out:=there"], "exists"),
     "a bag that cannot be written": (["recorder", "-p", "out:=broken.yaml/bag"], "broken.yaml"),
 }
