@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
+from itertools import pairwise
 
 NEAR = 1_000_000_000
 """A sample that comes within this of its stamp shows that clock and stamps are of one epoch [ns]."""
@@ -10,6 +11,11 @@ TOLERANCE = 0.1
 """Largest deviation of the rate, as a share."""
 WINDOW = 2_000_000_000
 """Time over which the rate is measured [ns]."""
+LEAST = 9
+"""Samples from which a rate is measured, however slow they come."""
+LONG = 3
+"""A step longer than this many of the upper quartile of all is a pause; less may be samples that were lost, or stamps
+that come in bursts."""
 
 
 class Freshness:
@@ -69,15 +75,26 @@ class RateWatch:
 
     @property
     def measured(self) -> float:
-        """Rate over the last `WINDOW` [Hz]; the nominal one until so much time has been seen."""
-        if len(self._stamps) < 2 or self._stamps[-1] - self._stamps[0] < WINDOW:
+        """Rate over the last `WINDOW`, without the pauses in it [Hz]; the nominal one until so much has been seen."""
+        count, span = len(self._stamps), self._stamps[-1] - self._stamps[0] if self._stamps else 0
+        if count < LEAST or span < WINDOW:
             return self._nominal
-        return (len(self._stamps) - 1) * 1e9 / (self._stamps[-1] - self._stamps[0])
+        mean = (count - 1) * 1e9 / span
+        return mean if self._near(mean) else self._without_pauses()
+
+    def _without_pauses(self) -> float:
+        steps = sorted(after - before for before, after in pairwise(self._stamps))
+        longest = LONG * steps[3 * (len(steps) - 1) // 4]
+        usual = [step for step in steps if step <= longest]
+        return len(usual) * 1e9 / max(sum(usual), 1)
+
+    def _near(self, rate: float) -> bool:
+        return abs(rate / self._nominal - 1.0) <= TOLERANCE
 
     @property
     def deviates(self) -> bool:
         """Whether it differs by more than `TOLERANCE`, over `WINDOW`."""
-        return abs(self.measured / self._nominal - 1.0) > TOLERANCE
+        return not self._near(self.measured)
 
     @property
     def sentence(self) -> str:
@@ -88,7 +105,7 @@ class RateWatch:
         """Take the stamp of a sample [ns]; return whether a deviation is to be told of now: once until it is over."""
         stamps = self._stamps
         stamps.append(stamp)
-        while len(stamps) > 2 and stamp - stamps[1] >= WINDOW:
+        while len(stamps) > LEAST and stamp - stamps[1] >= WINDOW:
             stamps.popleft()
         if not self.deviates:
             self._told = False
