@@ -397,6 +397,9 @@ class IdentifierNode(LifecycleNode):
             if self.estimate is None or self._sample is None:
                 message = "nothing to save: no sample has come"
                 raise EstimationError(message)
+            if self._identifier.samples == 0:
+                message = "nothing to save: no sample has come since the reset"
+                raise EstimationError(message)
             write_model(path, self._identifier, self.estimate, self._sample.x, self._sample.delta, self._sample.stamp)
             response.success, response.message = True, f"saved to {path}"
         except EstimationError as error:

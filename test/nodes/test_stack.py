@@ -294,6 +294,21 @@ def test_a_saved_model_is_read_back_and_started_from(bench: Bench, tmp_path: Pat
     assert estimate.b[kept].tolist() == saved.b[kept].tolist()
 
 
+def test_after_a_reset_a_saved_model_stays_until_samples_have_come(bench: Bench, tmp_path: Path) -> None:
+    path = tmp_path / "model.yaml"
+    source = Source(bench, model_file=str(path))
+    source.send(SECOND, SECOND + 20_000_000)
+    assert bench.call(Trigger, "identifier/save_model").success
+    before = path.read_bytes()
+    assert bench.call(Trigger, "identifier/reset").success
+    answer = bench.call(Trigger, "identifier/save_model")
+    assert (answer.success, answer.message) == (False, "nothing to save: no sample has come since the reset")
+    assert path.read_bytes() == before
+    source.send(SECOND + 40_000_000)
+    assert bench.call(Trigger, "identifier/save_model").success
+    assert path.read_bytes() != before
+
+
 def test_a_model_that_does_not_fit_is_refused(bench: Bench, tmp_path: Path) -> None:
     node = bench.add(IdentifierNode, warm_start=str(tmp_path / "none.yaml"), autostart=False)
     assert node.trigger_configure().name == "FAILURE"
