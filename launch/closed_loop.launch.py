@@ -14,7 +14,7 @@ ARGUMENTS = {
     **launching.ARGUMENTS,
     "condition": ("high_alpha", "flight condition: high_alpha or cruise"),
     "manoeuvre": ("roll_doublet", "what the pilot flies"),
-    "noise": ("low", "sensor noise: none, low, med or high"),
+    "noise": ("low", "sensor noise: none, low or med"),
     "mode": ("real_time", "real_time: wall clock; lockstep: as fast as the answers come"),
     "duration": ("0.0", "flight time after which everything ends [s]; 0: never"),
     "use_sim_time": ("true", "time of the identifier is the plant's clock"),

@@ -72,6 +72,12 @@ def test_the_shipped_parameter_files_of_a_start_fit_together(bench: Bench, input
     bench.adopt(identifier.IdentifierNode(context=bench.context, cli_args=arguments))
 
 
+def test_the_noise_that_is_offered_is_what_the_plant_takes() -> None:
+    module, _ = description(LAUNCH / "closed_loop.launch.py")
+    _, _, offered = module.ARGUMENTS["noise"][1].partition(": ")
+    assert tuple(offered.replace(" or ", ", ").split(", ")) == plant.PARAMETERS["noise"][1].choices
+
+
 def test_a_law_puts_a_controller_between_pilot_and_plant() -> None:
     nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="auto", record="flight")}
     assert nodes["controller"]["parameters"][0]["law"] == "auto"
