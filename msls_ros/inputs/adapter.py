@@ -180,6 +180,11 @@ class InputAdapter:
         """Whether a message waits for others to confirm its stamp."""
         return self._timeline.waiting
 
+    @property
+    def held(self) -> int:
+        """Rows held until it is seen whether a number that has jumped comes back: a spike, see `SpikeFilter`."""
+        return self._held
+
     def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:
         """Take a message.
 
@@ -269,6 +274,7 @@ class InputAdapter:
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
         self._spikes.clear()
+        self._held = 0
         if self._filter is not None:
             self._filter.clear()
         if paced:
@@ -341,6 +347,7 @@ class InputAdapter:
             yield from self._made(t, np.array(row), None, [at.get(f"d{name}", 0.0) for name in _RATES])
             return
         rows = self._spikes.push(t, np.array(row))
+        self._held = 0 if rows else self._held + 1
         for stamp in self._spikes.dropped:
             name = self._names[self._spikes.furthest]
             self._refuse(Refused("spike", f"{name} at {stamp * 1e-9:.3f} s jumps, and is back at {t * 1e-9:.3f} s"))

@@ -226,6 +226,7 @@ class IdentifierNode(LifecycleNode):
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
+        self._held = self._held_at = 0
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
         self._pace, self._sample_rate = "", configuration.sample_rate
         return self._identifier
@@ -254,6 +255,8 @@ class IdentifierNode(LifecycleNode):
         except EstimationError as error:
             self._refuse(Refused("field", str(error)))
             return
+        if self._adapter.held != self._held:
+            self._held, self._held_at = self._adapter.held, self._steady()
         slowest, rate = self._adapter.pace
         if slowest != self._pace:
             self._pace = slowest
@@ -332,14 +335,19 @@ class IdentifierNode(LifecycleNode):
         return True
 
     def _watch_inputs(self) -> None:
-        """Set the dither to zero when the samples have stopped."""
+        """Set the dither to zero when the samples have stopped, or rows are held while others still come."""
         if self._stale or self._identifier is None or self._p["lockstep"]:
             return
-        age = (self._steady() - self._arrived) * 1e-9
+        now = self._steady()
+        age = (now - self._arrived) * 1e-9
         limit = self._identifier.configuration.dither.stale_after
         if age > limit:
+            coming = self._held > 0 and 2 * (self._held_at - self._arrived) > now - self._arrived
             reason = f"no sample for {age:.2f} s, more than {limit:g} s"
-            self.get_logger().warning(f"{reason}: the dither is zero", throttle_duration_sec=1.0)
+            if coming:
+                reason = f"samples held for {age:.2f} s, more than {limit:g} s, as a number may be a spike"
+            text = f"{reason}: the dither {'pauses' if coming else 'is zero'}"
+            self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._inhibit(reason)
 
     def _say_what_is_missing(self) -> None:

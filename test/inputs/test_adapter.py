@@ -430,3 +430,16 @@ def test_what_jumps_away_and_back_never_enters_the_window_and_is_counted(field: 
     assert said[0] == f"{field} at 0.800 s jumps, and is back at 0.820 s"
     made._begin_anew()
     assert made.push(*sample(200)[0]) == []
+
+
+def test_rows_that_wait_for_a_number_to_come_back_are_counted() -> None:
+    made, held = adapter({"derivatives": {}}), []
+    for k in range(100):
+        for topic, arrived, message in sample(k):
+            if hasattr(message, "e"):
+                message.e += 5.0 * (k in (80, 81)) + 4.0 * (k == 99)
+            made.push(topic, arrived, message)
+        held.append(made.held)
+    assert held == [*[0] * 80, 1, 2, *[0] * 17, 1]
+    made.clear()
+    assert made.held == 0

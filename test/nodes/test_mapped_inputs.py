@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from inputs import mapped_messages as made
 from inputs.mapped_messages import rigid_flight
-from msls_msgs.msg import LinearModel
+from msls_msgs.msg import DitherCommand, LinearModel
 from nav_msgs.msg import Odometry
+from nodes.made_up import Clockwork
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import Imu, JointState
@@ -125,6 +126,35 @@ def test_a_field_that_does_not_exist_is_counted_and_the_node_lives(bench: Bench)
     for topic, message in flight_messages(4):
         bench.publish(topic, message)
     bench.spin_until(lambda: node.synchronizer.refused["field"] >= 2, "the refusal")
+
+
+@pytest.mark.parametrize("coming", [True, False], ids=["rows come", "the link is lost"])
+def test_a_pause_while_rows_are_held_is_not_blamed_on_the_link(
+    bench: Bench, capfd: pytest.CaptureFixture[str], coming: bool
+) -> None:
+    """A deflection jumps after 1.4 s, and rows are held from then on, or from then on nothing comes."""
+    node, clock = make(bench), Clockwork()
+    node._steady = clock
+    taken, dithers = count_messages(node), bench.listen(DitherCommand, "dither")
+    assert node._adapter is not None
+    for number, (topic, message) in enumerate(flight_messages(200), 1):
+        if isinstance(message, Imu):
+            clock.nanoseconds += 10_000_000
+        if isinstance(message, JointState) and clock.nanoseconds > 1_400_000_000:
+            message.position = [one + 3.0 for one in message.position]
+        bench.publish(topic, message)
+        bench.expect(taken, number)
+        if node._adapter.held and (not coming or clock.nanoseconds > node._arrived + 105_000_000):
+            break
+    assert node._adapter.held == (5 if coming else 1)
+    if not coming:
+        clock.nanoseconds = node._arrived + 110_000_000
+    node._watch_inputs()
+    bench.spin_until(lambda: dithers and dithers[-1].level == DitherCommand.LEVEL_INHIBITED, "the zero dither")
+    reason = ("no sample for", "samples held for")[coming] + " 0.11 s, more than 0.1 s"
+    said, end = (f"{reason}, as a number may be a spike", "pauses") if coming else (reason, "is zero")
+    assert dithers[-1].reason == said
+    assert f"{said}: the dither {end}" in capfd.readouterr().err
 
 
 def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) -> None:
