@@ -17,7 +17,7 @@ ARGUMENTS = {
     "noise": ("low", "sensor noise: none, low or med"),
     "mode": ("real_time", "real_time: wall clock; lockstep: as fast as the answers come"),
     "duration": ("0.0", "flight time after which everything ends [s]; 0: never"),
-    "use_sim_time": ("true", "time of the identifier is the plant's clock"),
+    "use_sim_time": ("true", "time of the identifier is the plant's clock; empty: as the file says, else false"),
     "law": ("fixed", "control law: fixed (the pilot's own), or indi, lq, auto: then a controller flies between"),
 }
 TOPICS = ("state", "effectors", "command", "dither", "model", "fault", "truth/state", "truth/model", "/clock")
@@ -35,7 +35,7 @@ def nodes(context: Any) -> list[Node]:
     given = context.launch_configurations
     common = launching.common(given)
     files = launching.parameter_files(given)
-    own = {name: launching.is_true(given[name]) for name in ("autostart", "use_sim_time")}
+    own = launching.switches(given, "autostart", "use_sim_time")
     own["lockstep"] = given["mode"] == "lockstep"
     asks = given["law"] != "fixed"
     plant = {name: given[name] for name in ("condition", "noise", "mode")}
@@ -56,8 +56,7 @@ def nodes(context: Any) -> list[Node]:
         ),
     ]
     if asks:
-        law = {name: given[name] for name in ("law", "condition")}
-        law |= {name: own[name] for name in ("autostart", "use_sim_time", "lockstep")}
+        law = {**{name: given[name] for name in ("law", "condition")}, **own}
         found.append(Node(executable="controller", name="controller", parameters=[law], **common))
     if given["record"]:
         recorded: dict[str, Any] = {"out": given["record"]}

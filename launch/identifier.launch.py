@@ -14,7 +14,7 @@ from launch_ros.actions import Node
 from launch import LaunchDescription
 from msls_ros.nodes import launching
 
-ARGUMENTS = {**launching.ARGUMENTS, "use_sim_time": ("false", "time is that of /clock")}
+ARGUMENTS = {**launching.ARGUMENTS, "use_sim_time": ("", "time is that of /clock; empty: as the file says, else false")}
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -27,9 +27,9 @@ def nodes(context: Any) -> list[Node]:
     """Return the nodes, their arguments resolved."""
     given = context.launch_configurations
     common = launching.common(given)
-    own = {name: launching.is_true(given[name]) for name in ("autostart", "use_sim_time")}
-    files = launching.parameter_files(given)
-    found = [Node(executable="identifier", name="identifier", parameters=[*files, own], **common)]
+    own = launching.switches(given, "autostart", "use_sim_time")
+    parameters = [*launching.parameter_files(given), *([own] if own else [])]
+    found = [Node(executable="identifier", name="identifier", parameters=parameters, **common)]
     if given["record"]:
         found.append(Node(executable="recorder", name="recorder", parameters=[{"out": given["record"]}], **common))
     return found

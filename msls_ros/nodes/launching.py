@@ -15,7 +15,10 @@ ARGUMENTS = {
         "of the identifier: a shipped profile's name, or a path; empty: f16, or with inputs the defaults",
     ),
     "inputs": ("", "of the identifier, where it takes other messages than msls_msgs: a shipped name, or a path"),
-    "autostart": ("true", "configure and activate at the start; false: a lifecycle manager does it"),
+    "autostart": (
+        "",
+        "configure and activate at the start; false: a lifecycle manager does it; empty: as the file says, else true",
+    ),
     "respawn": ("false", "start nodes again that end unasked"),
     "log_level": ("info", "debug, info, warn, error or fatal"),
     "record": ("", "folder of a bag to record everything into; empty: none"),
@@ -28,6 +31,11 @@ FOLDERS = (".", "inputs")
 def is_true(text: str) -> bool:
     """Return whether an argument says true."""
     return text.lower() == "true"
+
+
+def switches(given: Mapping[str, str], *names: str) -> dict[str, bool]:
+    """Return the arguments of these names that are given; an empty one leaves what the parameter file says."""
+    return {name: is_true(given[name]) for name in names if given[name]}
 
 
 def common(given: Mapping[str, str]) -> dict[str, Any]:

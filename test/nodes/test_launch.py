@@ -78,6 +78,29 @@ def test_the_noise_that_is_offered_is_what_the_plant_takes() -> None:
     assert tuple(offered.replace(" or ", ", ").split(", ")) == plant.PARAMETERS["noise"][1].choices
 
 
+@pytest.mark.parametrize("said", [True, False])
+def test_what_a_parameter_file_says_holds_unless_an_argument_is_given(bench: Bench, tmp_path: Path, said: bool) -> None:
+    path = tmp_path / "mine.yaml"
+    path.write_text(yaml.safe_dump({"/**": {"ros__parameters": {"use_sim_time": said, "autostart": not said}}}))
+    (node,) = started(LAUNCH / "identifier.launch.py", params_file=str(path))
+    assert node["parameters"] == [str(path)]
+    arguments = ["--ros-args", "--params-file", str(path)]
+    made = bench.adopt(identifier.IdentifierNode(context=bench.context, cli_args=arguments))
+    assert [made.get_parameter(name).value for name in ("use_sim_time", "autostart")] == [said, not said]
+    given = {"use_sim_time": str(not said).lower(), "autostart": str(said).lower()}
+    (node,) = started(LAUNCH / "identifier.launch.py", params_file=str(path), **given)
+    assert node["parameters"] == [str(path), {"use_sim_time": not said, "autostart": said}]
+
+
+def test_in_closed_loop_the_start_is_as_the_file_says_and_time_the_plant_s() -> None:
+    nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="lq")}
+    own = {"use_sim_time": True, "lockstep": False}
+    assert nodes["identifier"]["parameters"][1:] == [own]
+    assert nodes["controller"]["parameters"] == [{"law": "lq", "condition": "high_alpha", **own}]
+    (first, *_) = started(LAUNCH / "closed_loop.launch.py", autostart="false", use_sim_time="")
+    assert first["parameters"][1:] == [{"autostart": False, "lockstep": False}]
+
+
 def test_a_law_puts_a_controller_between_pilot_and_plant() -> None:
     nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="auto", record="flight")}
     assert nodes["controller"]["parameters"][0]["law"] == "auto"
