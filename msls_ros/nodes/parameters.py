@@ -8,11 +8,13 @@ from itertools import pairwise
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from msls_ros.estimation import Configuration, from_mapping
 from msls_ros.estimation.configuration import items
+from msls_ros.estimation.errors import nearest
 from msls_ros.estimation.sections import Bounds
 from msls_ros.inputs.profiles import matches_node
 
@@ -27,6 +29,10 @@ KINDS: Mapping[type, str] = {
     tuple: "a list of numbers",
 }
 """What a parameter must be, by the type of its default."""
+QUALITY = "qos_overrides."
+"""What ROS's own parameters of a topic's quality of service begin with."""
+LOOK = 0.1
+"""How often it is looked whether the topics are made, where their quality of service is given [s]."""
 
 
 class NodeError(ValueError):
@@ -137,10 +143,37 @@ def declare_table(node: Node, table: Table) -> dict[str, Any]:
 
 
 def warn_of_unknown(node: Node) -> None:
-    """Log the parameters that were given at the start but that the node does not have: ROS ignores them silently."""
+    """Log the parameters that were given at the start but that the node does not have: ROS ignores them silently.
+
+    Those of quality of service exist once the topics do, in a managed node only when it has been configured: they are
+    looked at then, once.
+    """
+    qualities = [name for name in node._parameter_overrides if name.startswith(QUALITY)]
     for name in node._parameter_overrides:
-        if not node.has_parameter(name) and not name.startswith("qos_overrides."):
+        if not node.has_parameter(name) and name not in qualities:
             node.get_logger().warning(f"parameter '{name}' does not exist and is ignored; --help lists all")
+    if not qualities:
+        return
+
+    def look() -> None:
+        known = [name for name in node._parameters if name.startswith(QUALITY)]
+        if known:
+            node.destroy_timer(timer)
+            _warn_of_quality(node, qualities, known)
+
+    timer = node.create_timer(LOOK, look, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def _warn_of_quality(node: Node, given: Iterable[str], known: Sequence[str]) -> None:
+    """Log what is given for topics that the node does not have; a topic's name is the resolved one, with namespace."""
+    ends = ", ".join(sorted({name[len(QUALITY) :].rpartition(".")[0] for name in known}))
+    policies = ", ".join(sorted({name.rpartition(".")[2] for name in known}))
+    for name in given:
+        if name not in known:
+            near = nearest(name, known)
+            there = f"{near} There are" if near else "; there are"
+            text = f"parameter '{name}' does not exist and is ignored{there} {policies} of {ends}"
+            node.get_logger().warning(text)
 
 
 def check_files(node: Node, arguments: Sequence[str]) -> None:

@@ -14,6 +14,7 @@ from msls_msgs.srv import InjectFault
 from nodes.made_up import linear_samples
 from nodes.tower import STEP, Tower
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+from rclpy.lifecycle import TransitionCallbackReturn
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_dict_from_yaml_file, parameter_value_to_python
 from rclpy.qos import QoSHistoryPolicy
@@ -26,7 +27,7 @@ from msls_ros.inputs.profiles import config_folder, matches_node
 from msls_ros.nodes.controller import ControllerNode
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.mixer import MixerNode
-from msls_ros.nodes.parameters import check_files
+from msls_ros.nodes.parameters import LOOK, check_files
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import RecorderNode
@@ -219,6 +220,39 @@ def test_quality_of_service_is_overridden_by_parameters_and_queues_hold_seconds(
         s.qos_profile.history == QoSHistoryPolicy.KEEP_LAST for s in node.subscriptions if s.topic_name in depths
     )
     assert not [n for n in node._parameter_overrides if not node.has_parameter(n)]
+
+
+@pytest.mark.parametrize("autostart", [True, False])
+def test_a_quality_of_service_that_no_topic_takes_is_warned_of_once_the_topics_are_there(
+    bench: Bench, capfd: pytest.CaptureFixture[str], autostart: bool
+) -> None:
+    given = {f"qos_overrides./{topic}.subscription.depth": 7 for topic in ("state", "left/efectors", "left/state")}
+    parameters = [Parameter(name, value=value) for name, value in {**given, "autostart": autostart}.items()]
+    make: Any = IdentifierNode
+    node = bench.adopt(make(context=bench.context, namespace="left", parameter_overrides=parameters))
+    said: list[str] = []
+
+    def hear() -> list[str]:
+        said.extend(line for line in capfd.readouterr().err.splitlines() if "is ignored" in line)
+        return said
+
+    def wait() -> None:
+        done: list[bool] = []
+        timer = bench.probe.create_timer(5.0 * LOOK, lambda: done.append(timer.cancel() is None))
+        bench.spin_until(lambda: done, "the time for a warning")
+
+    if not autostart:
+        wait()
+        assert not hear()
+        assert node.trigger_configure() == TransitionCallbackReturn.SUCCESS
+    bench.spin_until(lambda: len(hear()) >= 2, "the warnings")
+    for transition in (node.trigger_deactivate,) * autostart + (node.trigger_cleanup, node.trigger_configure):
+        assert transition() == TransitionCallbackReturn.SUCCESS
+    wait()
+    assert len(hear()) == 2
+    for topic, line in zip(("state", "effectors"), said, strict=True):
+        assert f"did you mean 'qos_overrides./left/{topic}.subscription.depth'? There are depth, history, " in line
+        assert all(end in line for end in ("/left/dither.publisher", "/left/state.subscription", "/diagnostics.pub"))
 
 
 def test_the_frame_is_a_parameter(bench: Bench) -> None:
