@@ -149,9 +149,12 @@ def warn_of_unknown(node: Node) -> None:
     looked at then, once.
     """
     qualities = [name for name in node._parameter_overrides if name.startswith(QUALITY)]
+    known = [name for name in node._parameters if not name.startswith(QUALITY)]
     for name in node._parameter_overrides:
         if not node.has_parameter(name) and name not in qualities:
-            node.get_logger().warning(f"parameter '{name}' does not exist and is ignored; --help lists all")
+            near = nearest(name, known)
+            text = f"parameter '{name}' does not exist and is ignored{near}{' ' if near else '; '}--help lists all"
+            node.get_logger().warning(text)
     if not qualities:
         return
 

@@ -305,8 +305,10 @@ def test_every_parameter_of_plant_pilot_and_recorder_is_described_and_fixed(benc
 
 
 def test_a_parameter_that_does_not_exist_is_told_of(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
-    bench.add(PilotNode, manoeuver="steady")
-    assert "parameter 'manoeuver' does not exist and is ignored" in capfd.readouterr().err
+    bench.add(PilotNode, manoeuver="steady", xyz=1)
+    said = capfd.readouterr().err
+    assert "parameter 'manoeuver' does not exist and is ignored; did you mean 'manoeuvre'? --help lists all" in said
+    assert "parameter 'xyz' does not exist and is ignored; --help lists all" in said
 
 
 def test_a_recorded_flight_is_read_by_others_and_stamped_by_its_messages(bench: Bench, tmp_path: Path) -> None:
