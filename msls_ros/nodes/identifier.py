@@ -24,7 +24,7 @@ from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
-from msls_ros.nodes.monitoring import Monitor, judged, told
+from msls_ros.nodes.monitoring import Monitor, awaited, judged, told
 from msls_ros.nodes.outputs import Outputs
 from msls_ros.nodes.parameters import (
     NodeError,
@@ -352,13 +352,14 @@ class IdentifierNode(LifecycleNode):
 
     def _say_what_is_missing(self) -> None:
         """Say what is waited for while no sample has come."""
-        if not self._active or self._sample is not None:
-            return
-        found = [
-            f"{topic} ({self.count_publishers(self.resolve_topic_name(topic))} publishers, {traffic.count} messages)"
-            for topic, traffic in self._monitor.traffic.items()
-        ]
-        self.get_logger().info(f"waiting for a sample: {', '.join(found)}")
+        if self._active and self._sample is None:
+            self.get_logger().warning(self._waiting())
+
+    def _waiting(self) -> str:
+        """Say what each input has delivered, or why it has not."""
+        inputs = zip(self._monitor.traffic.items(), self._subscriptions_made, strict=True)
+        found = [awaited(self, topic, subscription, t.count) for (topic, t), subscription in inputs]
+        return f"waiting for a sample: {'; '.join(found)}"
 
     def _inhibit(self, reason: str) -> None:
         """Publish a zero dither, once until samples come again."""
@@ -435,6 +436,8 @@ class IdentifierNode(LifecycleNode):
     def _health(self) -> Health:
         assert self._identifier is not None
         level, message = judged(self._identifier, self._rate, self._active, self._stale)
+        if self._active and self._sample is None:
+            message = self._waiting()
         values = {
             **told(self._identifier, self._synchronizer, self._stale),
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",

@@ -8,17 +8,21 @@ from typing import Any
 
 import numpy as np
 import pytest
+import rclpy
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
 from nodes.made_up import Clockwork, linear_samples
 from rcl_interfaces.msg import ParameterType
 from rcl_interfaces.srv import DescribeParameters, GetParameters, SetParameters
+from rclpy.context import Context
+from rclpy.node import Node
 from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from msls_ros import messages
 from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.quality import INPUT, best_effort
 from msls_ros.plant import EFFECTORS, STATES
 from msls_ros.testing import Bench
 
@@ -403,3 +407,30 @@ def test_names_may_come_in_another_order_and_with_more_of_them(bench: Bench) -> 
         bench.publish("effectors", feeder.effectors(k))
         bench.expect(feeder.model, start + k)
     assert [list(m.b) for m in feeder.model[start:]] == expected
+
+
+def test_of_an_input_that_does_not_come_it_is_said_why(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    node = bench.add(IdentifierNode)
+    newest = bench.diagnostics("identifier")
+    context = Context()  # one participant cannot have two types of one topic
+    rclpy.init(context=context, domain_id=bench.domain)
+    stack = Node("autopilot", namespace="stack", context=context)
+
+    def says(text: str) -> None:
+        bench.spin_until(lambda: newest().get("status") == f"waiting for a sample: {text}", text)
+        node._say_what_is_missing()
+        assert [n for n in capfd.readouterr().err.splitlines() if text in n and n.startswith("[WARN]")]
+
+    says("/state: no publisher; /effectors: no publisher")
+    stack.create_publisher(LinearModel, "/state", INPUT)
+    wrong = stack.create_publisher(EffectorSample, "/effectors", best_effort(1))
+    type_ = "/state: /stack/autopilot publishes msls_msgs/msg/LinearModel, expected msls_msgs/msg/StateSample"
+    quality = "quality of service of /stack/autopilot does not match: best effort publisher and reliable subscription"
+    says(f"{type_}; /effectors: {quality}")
+    stack.destroy_publisher(wrong)
+    stack.create_publisher(EffectorSample, "/effectors", INPUT)
+    says(f"{type_}; /effectors: 1 publishers, no message yet")
+    bench.publish("effectors", messages.effector_message(STEP, EFFECTORS, DELTA[0]))
+    says(f"{type_}; /effectors: 1 messages")
+    stack.destroy_node()
+    context.shutdown()
