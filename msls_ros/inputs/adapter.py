@@ -15,7 +15,7 @@ differentiated    any                 a window of samples; then all else passes 
 ================  ==================  =============================================================================
 
 What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`,
-`spike`, `repeated` (see `pacing`).
+`spike`, `repeated` (see `pacing`), `stamp_rogue` and `time_returned` (see `timeline`).
 """
 
 from __future__ import annotations
@@ -218,6 +218,8 @@ class InputAdapter:
         except EstimationError as error:
             text = f"topic {topic} ({source.msgtype}): {error}"
             raise EstimationError(text) from None
+        if passed.returned is not None:
+            self._give_up(passed.items[-1], passed.returned)
         if passed.restarted:
             self._begin_anew()
             self.restarts += 1
@@ -279,6 +281,15 @@ class InputAdapter:
             self._filter.clear()
         if paced:
             self._fit_window()
+
+    def _give_up(self, back: tuple[str, int, object], left: int) -> None:
+        """Count the return of a stream from another time, and each instant that waits; begin anew."""
+        name, stamp, _ = back
+        text = f"{name}: stamp {stamp * 1e-9:.9f} s returns to the others from {left * 1e-9:.9f} s"
+        self._refuse(Refused("time_returned", f"{text}; expected all streams on one clock"))
+        for instant in self._aligner.waiting:
+            self._refuse(Refused("time_returned", f"{text}: the instant {instant * 1e-9:.9f} s that waited is dropped"))
+        self._begin_anew()
 
     def _refuse(self, refused: Refused) -> None:
         self.refused[refused.reason] += 1

@@ -117,6 +117,11 @@ class Aligner:
         for buffer in self._buffers:
             buffer.samples.clear()
 
+    @property
+    def waiting(self) -> tuple[int, ...]:
+        """The instants that are not complete yet [ns]."""
+        return tuple(self._instants)
+
     def add(self, track: int, stamp: int, values: Values) -> None:
         """Take a sample of the stream with an index among the tracks; stamps [ns] of a stream rise."""
         self._buffers[track].add(stamp, values)

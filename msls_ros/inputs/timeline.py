@@ -1,13 +1,16 @@
 """Whether a stamp goes on, is refused, or begins a new time: for several streams of one clock.
 
 A clock that restarts (a bag played again, a simulator reset) moves all streams; a driver's bad message moves one stream
-for one sample. So a stamp that is far from the last of its stream waits until it is confirmed:
+for one sample, a stamp that was not filled in (0, or of the wall clock) perhaps several at once. So a stamp that is far
+from the last of its stream waits until it is confirmed:
 
-* another stream is, or has jumped, near it; or
+* another stream is near it;
+* all streams have jumped near it; or
 * `SEVERAL` in a row of its own stream agree.
 
 Confirmed, all that waited passes in the order of arrival; contradicted by a stamp that goes on from where the stream
-was, it is refused as rogue.
+was, it is refused as rogue. `SEVERAL` may agree in error while the other streams go on: a stream that jumps back to
+where another one is returns from a time that was wrong.
 """
 
 from __future__ import annotations
@@ -38,6 +41,8 @@ class Passed(NamedTuple, Generic[T]):
     """Stream, stamp [ns] and message, in the order of arrival; empty while a stamp waits to be confirmed."""
     restarted: bool
     """Time has jumped back: start anew before using them."""
+    returned: int | None = None
+    """The stamp from which the last item returns to where another stream is [ns], a time that ends here; None: no."""
 
 
 class Timeline(Generic[T]):
@@ -107,21 +112,22 @@ class Timeline(Generic[T]):
             own = []
         reach = self._jump if stamp < last else self._reach
         near = any(abs(s - stamp) <= reach for name, s in self.last.items() if name != stream)
-        moved = any(abs(s - stamp) <= reach for name, s, _ in self._waiting if name != stream)
+        moved = {name for name, s, _ in self._waiting if name != stream and abs(s - stamp) <= reach}
         self._waiting.append((stream, stamp, item))
-        if not (near or moved or len(own) + 1 >= SEVERAL):
+        together = bool(moved) and self.last.keys() <= {stream, *moved}
+        if not (near or together or len(own) + 1 >= SEVERAL):
             return Passed([], False)
-        back = stamp < last and not near
         same = [(w[1] < self.last[w[0]]) == (stamp < last) for w in self._waiting]
-        items = [w for w, moved in zip(self._waiting, same, strict=True) if moved]
-        self._waiting = [w for w, moved in zip(self._waiting, same, strict=True) if not moved]
+        items = [w for w, passes in zip(self._waiting, same, strict=True) if passes]
+        self._waiting = [w for w, passes in zip(self._waiting, same, strict=True) if not passes]
         for name in dict.fromkeys(w[0] for w in self._waiting):
             self._contradict(name)
+        back = stamp < last
         if back:
-            self.last.clear()
+            self.last = {name: s for name, s in self.last.items() if near and s <= stamp + reach}
         for name, passed, _ in items:
             self.last[name] = passed
-        return Passed(items, back)
+        return Passed(items, back and not near, last if back and near else None)
 
     def _contradict(self, stream: str) -> None:
         """Refuse what waits of a stream."""
