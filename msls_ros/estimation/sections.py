@@ -159,7 +159,14 @@ class IsolationParameters:
     least_samples: int = parameter(
         5, "samples, beyond one per regressor, before anything is said", unit="samples", low=1, high=10000
     )
-    window: float = parameter(8.0, "time after the alarm in which it is tried", unit="s", low=0.0, high=3600.0)
+    window: float = parameter(
+        8.0,
+        "time after the alarm in which it is tried; bank: in which inputs show what is left of all that may be lost, "
+        "within 60 s or this, if it is longer",
+        unit="s",
+        low=0.0,
+        high=3600.0,
+    )
     surfaces: str = parameter(
         "",
         "bank: position of each surface as a sum of effectors, as 'left: de + ddt; right: de - ddt'; a change is named "

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from msls_ros.estimation.bank.isolation import SLOW, Decision, Name, find_name
+from msls_ros.estimation.bank.isolation import SLOW, Decision, Losses, Name, find_name
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.settings import LOSSES, THRESHOLD
 from msls_ros.estimation.configuration import Configuration
@@ -26,6 +26,8 @@ _REASONS = {
 
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
+LONGEST = 60.0
+"""For so long at most what may have been lost waits for an input that shows what is left of it [s]."""
 MEMORY = LOSSES[-1].memory
 """Of the member that says what is left [s]."""
 
@@ -81,6 +83,7 @@ class Supervisor:
             What alarmed.
         """
         self.alarms += 1
+        self._tried = 0.0
         if isinstance(regression, BankRegression):
             regression.mark(bool(self._isolating))
         found = [q for q in range(len(alarm)) if alarm[q]]
@@ -112,6 +115,7 @@ class Supervisor:
         """Watch nothing any more; the count of alarms stays."""
         self._isolating: dict[int, float] = {}
         self._recovering: set[int] = set()
+        self._tried = 0.0
         slow = round(SLOW * self._c.sample_rate)
         self._decision = Decision(HELD + len(self._c.regressors) // 2, slow, MEMORY / SLOW)
 
@@ -138,7 +142,12 @@ class Supervisor:
         limits = self._c.isolation
         least = (limits.least_samples - 0.5) / self._c.sample_rate
         found = [q for q, since in sorted(self._isolating.items()) if time - since >= least]
-        candidate = self._candidate(found, regression) if found and isinstance(regression, BankRegression) else None
+        candidate = None
+        if found and isinstance(regression, BankRegression):
+            said = regression.losses(found)
+            candidate = self._candidate(said, found, regression)
+            if not regression.undecided(found, said):
+                self._tried += 1.0 / self._c.sample_rate
         begun = self._begun(time, regression)
         name = self._decision.take(candidate, len(begun) == len(self._isolating))
         if name is not None and isinstance(regression, BankRegression):
@@ -146,11 +155,13 @@ class Supervisor:
             regression.restore(begun, surface)
             regression.spread(sorted(self._isolating), surface, name.left - 1.0, name.error, time - since)
         for q, since in sorted(self._isolating.items()):
-            if (name is not None and q in found) or time - since > limits.window:
+            given_up = self._tried > limits.window or time - since > max(LONGEST, limits.window)
+            if (name is not None and q in found) or given_up:
                 del self._isolating[q]
                 regression.settle(q)
         if not self._isolating:
             self._decision.clear()
+            self._tried = 0.0
         if name is None:
             return []
         rows = tuple(self._c.rows[q] for q in found)
@@ -161,9 +172,9 @@ class Supervisor:
         of = (name.statistic,), (limits.significance,)
         return [FaultEvent(time, EventKind.ISOLATED, rows, *of, name.surface, name.left, name.error, text)]
 
-    def _candidate(self, rows: list[int], regression: BankRegression) -> Name | None:
+    def _candidate(self, said: Losses, rows: list[int], regression: BankRegression) -> Name | None:
         """Return the surface that explains what changed in rows that alarmed, if the others do not deny it."""
-        name = find_name(regression.losses(rows), self._surfaces, self._c.isolation)
+        name = find_name(said, self._surfaces, self._c.isolation)
         if name is None or regression.denies(rows, self._index_of(name), name.left - 1.0):
             return None
         return name

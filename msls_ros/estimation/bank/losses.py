@@ -49,6 +49,7 @@ import math
 
 from msls_ros.estimation.bank.drag import is_drag
 from msls_ros.estimation.bank.effector_noise import resting_noise, slow_noise
+from msls_ros.estimation.bank.incidence import discount_incidence
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten, whiten_directions
@@ -256,6 +257,7 @@ def compare_surfaces(
         for k in range(s.gains.shape[0]):
             work.against[q, k] = 0.0
             work.information[q, k] = 0.0
+            work.lone_information[q, k] = 0.0
         if n <= 0.0:
             continue
         if x.group[q] != prepared:
@@ -286,9 +288,10 @@ def compare_surfaces(
         for k in range(s.gains.shape[0]):
             if not (scattered and is_drag(s, x, q, k)):
                 compare_row(s, x, a, n, before, square, q, k, known, work)
+            if not scattered:
+                discount_incidence(s, x, n, effect_of(s, before[q], k), q, k, work)
     for k in range(s.gains.shape[0]):
-        combine_rows(work, k, 1.0)
-        combine_rows(work, k, max(1.0 + work.change[k], 0.0))
+        combine_rows(work, work.against, work.information, k)
         finish(work, k)
     for i in range(1, p):
         work.by_state[0] = max(work.by_state[0], work.by_state[i])
@@ -416,6 +419,12 @@ def compare_row(
     work.reference[q, k] = error / (effect * effect)
 
 
+def is_known(s: BankSettings, x: BankState, q: int, k: int) -> bool:
+    """Whether the effect of surface k in row q was known before its alarm, so that what is left of it may be named."""
+    effect = effect_of(s, x.theta_before[q], k)
+    return bool(square_of_effect(s, x.square_before[q], k) < KNOWN * KNOWN * effect * effect)
+
+
 @compiled
 def effect_of(s: BankSettings, theta: Array, k: int) -> float:
     """Effect of surface k by itself in a row with estimates (p,), constant first."""
@@ -436,21 +445,23 @@ def square_of_effect(s: BankSettings, square: Array, k: int) -> float:
 
 
 @compiled
-def combine_rows(work: BankWork, k: int, left: float) -> None:
-    """Combine what the rows say of surface k into its change and the variance of that; infinite: nothing.
+def combine_rows(work: BankWork, against: Array, information: Array, k: int) -> None:
+    """Combine what the rows say of surface k, (r, k) each, into its change and the variance of that; infinite: nothing.
 
-    An error of the reference is one of the share ``left`` times that share.
+    An error of the reference is one of the share that is left times that share: first of all of it, then of that.
     """
-    total = 0.0
-    change = 0.0
-    for q in range(work.against.shape[0]):
-        information = work.information[q, k]
-        if information > 0.0:
-            weight = 1.0 / (0.5 / information + left * left * work.reference[q, k])
-            total += weight
-            change += weight * work.against[q, k] / information
-    work.change[k] = change / total if total > 0.0 else 0.0
-    work.variance[k] = 1.0 / total + TOLERANCE * TOLERANCE if total > 0.0 else math.inf
+    left = 1.0
+    for _ in range(2):
+        total = 0.0
+        change = 0.0
+        for q in range(against.shape[0]):
+            if information[q, k] > 0.0:
+                weight = 1.0 / (0.5 / information[q, k] + left * left * work.reference[q, k])
+                total += weight
+                change += weight * against[q, k] / information[q, k]
+        work.change[k] = change / total if total > 0.0 else 0.0
+        work.variance[k] = 1.0 / total + TOLERANCE * TOLERANCE if total > 0.0 else math.inf
+        left = max(1.0 + work.change[k], 0.0)
 
 
 @compiled

@@ -9,9 +9,9 @@ import numpy as np
 
 from msls_ros.estimation.bank.delay import MOMENTS
 from msls_ros.estimation.bank.forgetting import spread_loss
-from msls_ros.estimation.bank.isolation import Losses
+from msls_ros.estimation.bank.isolation import UNCERTAIN, Losses
 from msls_ros.estimation.bank.loop_settings import BankSettings
-from msls_ros.estimation.bank.losses import KNOWN, compare_surfaces
+from msls_ros.estimation.bank.losses import KNOWN, combine_rows, compare_surfaces, is_known
 from msls_ros.estimation.bank.restoring import restore_effectors
 from msls_ros.estimation.bank.rows import advance_bank, excitation_of
 from msls_ros.estimation.bank.settings import bank_settings
@@ -274,6 +274,8 @@ class BankRegression:
             compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, False, work)
         )
         apart = np.maximum(np.square(work.change - quick) - chance, 0.0)  # none where the quick one knows nothing
+        for k in range(len(work.change)):
+            combine_rows(work, work.lone_against, work.lone_information, k)
         return Losses(
             work.change.tolist(),
             np.sqrt(work.variance + apart).tolist(),
@@ -281,6 +283,23 @@ class BankRegression:
             float(work.by_state[0]),
             excess,
         )
+
+    def undecided(self, rows: Sequence[int], found: Losses) -> bool:
+        """Whether what is left of a surface that may be lost has not shown yet in the rows that alarmed.
+
+        Parameters
+        ----------
+        rows
+            That alarmed.
+        found
+            What they say (`losses`).
+        """
+        s, x = self.settings, self.state
+        for k, error in enumerate(found.error):
+            suspected = any(x.suspected[j] != 0 for j in range(s.gains.shape[1]) if s.gains[k, j] != 0.0)
+            if suspected and not error <= UNCERTAIN and any(is_known(s, x, q, k) for q in rows):
+                return True
+        return False
 
     def mark(self, watched: bool) -> None:
         """Keep what is known at an alarm, of which the rows that go on are asked later.

@@ -65,10 +65,15 @@ class BankWork(NamedTuple):
     """(r, k)"""
     information: Array
     """(r, k) about the change, by row."""
+    lone_against: Array
+    """(r, k) both where the surface's effect through incidence may have changed as well (`bank.incidence`)."""
+    lone_information: Array
     reference: Array
     """(r, k) squared relative errors of what it is compared with [1]."""
     difference: Array
     """(p,) scratch: a column."""
+    whitened: Array
+    """(4, p) scratch: a direction, a change and two columns."""
     factor: Array
     """(p, p) scratch: a factor."""
     columns: Array
@@ -123,8 +128,11 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         by_state=np.zeros(p),
         against=np.zeros((rows, k)),
         information=np.zeros((rows, k)),
+        lone_against=np.zeros((rows, k)),
+        lone_information=np.zeros((rows, k)),
         reference=np.zeros((rows, k)),
         difference=np.zeros(p),
+        whitened=np.zeros((4, p)),
         factor=np.zeros((p, p)),
         columns=np.zeros((p, p)),
         along=np.zeros(k),
