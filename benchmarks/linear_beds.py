@@ -35,13 +35,16 @@ SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
 PATHS = ("direct", "differentiated")
-RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped")
+RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped", "vane", "old velocity")
 """As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`; deflections
-measured for every `HELD` rows; dampers that are fed the measured rates, noise and all, and `REST` before an input."""
+measured for every `HELD` rows; dampers that are fed the measured rates, noise and all, and `REST` before an input; a
+velocity that lags by `LAG`, or is that of `BEHIND` ago."""
 COARSE, BEHIND, SLOW, HELD = float(np.radians(0.1)), 0.02, 6.0, 3
 """[rad], [s] (a sample at least), [rad/s], [rows]"""
 DAMPED, REST = 1.0, 20.0
 """Least gain of a damper, as `Linear.feedback` [1]; [s]."""
+LAG = 0.05
+"""Of a vane, first order [s]."""
 PHASES = ("late", "1 s after", "1-4 s after", "loss not seen")
 
 
@@ -203,6 +206,14 @@ def keep(record: str, one: Linear, flight: tuple[Array, Array, Array, Array]) ->
         moved = np.concatenate([np.repeat(moved[:1], back, axis=0), moved[:-back]])
     elif record == "held":
         moved = moved[np.arange(len(moved)) // HELD * HELD]
+    elif record == "vane":
+        x = x.copy()
+        stays = np.exp(-1.0 / (one.rate * LAG))
+        for k in range(1, len(x)):
+            x[k, 0] = stays * x[k - 1, 0] + 0.5 * (1.0 - stays) * (flight[1][k - 1, 0] + flight[1][k, 0])
+    elif record == "old velocity":
+        x = x.copy()
+        x[:, 0] = np.interp(time - BEHIND, time, x[:, 0])
     return time, x, slopes, moved
 
 

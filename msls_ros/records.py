@@ -41,6 +41,7 @@ MODEL_NUMBERS = (
     "delay",
     "delay_std",
     "lag",
+    "state_delay",
     "samples",
 )
 """Fields of a model that change from one to the next; they have the same names in `Estimate` and the message."""

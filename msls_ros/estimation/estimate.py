@@ -88,6 +88,9 @@ class Estimate:
     lag: float
     """Time constant of the first-order lag between recorded deflections and those that act, as found in flight: A and B
     hold for what comes out of it; 0: none [s]."""
+    state_delay: Array
+    """(n,) by how much velocities come after their derivatives, as found in flight and put right; 0: none is certain
+    [s]."""
     samples: int
     """Samples since the last reset, those that were not learnt from too (see `screening`)."""
     prediction_error: Array

@@ -544,6 +544,7 @@ class Identifier:
             delay=delay,
             delay_std=delay_std,
             lag=self._regression.lag,
+            state_delay=self._preparation.state_delay,
             samples=self.samples,
             prediction_error=self._error.copy(),
             statistic=self._supervisor.statistic(self._statistic),

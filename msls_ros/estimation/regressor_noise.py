@@ -21,11 +21,28 @@ once with either sign, and a gust, whose steps are new ones each time, is not::
 
     d_k = x_k - x_(k-1) - (xdot_k + xdot_(k-1)) dt/2,      sigma_white^2 = - mean d_k d_(k-1)
 
+What goes with the change of xdot says how late a velocity is: a vane lags, and an estimate of velocity comes some
+filters after the accelerometer. By a delay or lag tau, ``D_k = -tau C_k`` with ``C_k = xdot_k - xdot_(k-L)``. About
+their means, with r the mean square of what is left, and n independent windows::
+
+    tau = - mean D C / mean C^2,      V = r / (n - 2) / C^2 + (FASTEST G / C^2)^2
+
+where G is by how much r is larger than over a quarter of the window: noise of a sensor is as large over any, and gusts
+grow. A gust moves the velocity and then, as the aircraft answers it with its damping, the derivative: it makes
+``cov(D, C)`` of ``damping G`` at most, and looks like a delay. All velocities have much of their delay in common (one
+filter, the same vanes), and each is drawn to the mean of all, by weights of ``1 / (V + APART^2)`` (random effects).
+What is not beyond a standard error is none, ``tau - V / tau`` is used, and ``x + tau xdot - CURVED tau^2 xdotdot``
+learnt from, so that states and derivatives are of one time. How late a sensor is does not change in flight, so that it
+is remembered for minutes. Of angular rates the same sums hold how deflections step within a sample; nothing is made of
+them.
+
 Nothing is seen where the derivatives were made from the states.
 
 References
 ----------
-Fuller, *Measurement Error Models*, 1987, section 2.2.
+Fuller, *Measurement Error Models*, 1987, section 2.2. Klein and Morelli, *Aircraft System Identification*, 2006,
+chapter 10 (data compatibility: time shifts of sensors). DerSimonian and Laird, "Meta-analysis in clinical trials",
+Controlled Clinical Trials 7 (1986) (random effects).
 """
 
 from __future__ import annotations
@@ -41,6 +58,9 @@ from msls_ros.estimation.kernel import Array, Integers
 RATES = ("P", "Q", "R")
 """Angular rates."""
 
+VELOCITIES = ("u", "v", "w")
+"""What sensors of the air and estimates of the velocity may say late."""
+
 WINDOW, RATES_WINDOW = 0.4, 0.1
 """L [s]: longer than the noise of vanes is correlated; of angular rates.
 
@@ -55,6 +75,24 @@ MEMORY = 3.0
 
 FEW = 0.02
 """Least number of windows beyond two that is reckoned with: before that next to nothing is known of the noise."""
+
+SHORT = 4
+"""So many times shorter is the window by which gusts are found."""
+
+FASTEST = 10.0
+"""Damping with which an aircraft follows a gust at most [1/s]: 1 to 6 of translation from airliners to models."""
+
+CONSTANT = 300.0
+"""Memory of how late velocities are [s]."""
+
+APART = 0.01
+"""By how much velocities are late unlike each other [s]: vanes and pitots, where they are not of one estimate."""
+
+LATEST = 0.1
+"""By how much velocities are put right at most [s]: a quarter of the window."""
+
+CURVED = 0.75
+"""Of the square of a delay times the second derivative: 1/2 of what is delayed, 1 of what lags, [1]."""
 
 GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
@@ -76,6 +114,14 @@ class Defect(NamedTuple):
     """(3, v) the last step's difference, mean product of it with the one before, number of these."""
     total: Array
     """(v,) their sum."""
+    short: Array
+    """(v,) the same over the short window."""
+    timing: Array
+    """(7, v) number of windows, and sums of D^2, D C and C^2 of the long window and of the short one."""
+    seen: Array
+    """(2, v) by how much states come after their derivatives, and variance of that; infinite: unknown [s, s^2]."""
+    late: Array
+    """(v,) by how much they are for certain [s]."""
     mean: Array
     variance: Array
     """(v,) of the sum."""
@@ -85,6 +131,8 @@ class Defect(NamedTuple):
     """(2,) samples of the window that are filled; sums that were seen."""
     size: Integers
     """(v,) L [samples]."""
+    velocity: Integers
+    """(v,) 1 of what is put in step with its derivative."""
 
 
 def make_defect(states: Sequence[str], sample_rate: float) -> Defect:
@@ -95,20 +143,42 @@ def make_defect(states: Sequence[str], sample_rate: float) -> Defect:
     total, mean, variance = np.zeros(count), np.zeros(count), np.zeros(count)
     steps, rates, skew = np.zeros((size, count)), np.zeros((size, count)), np.zeros((3, count))
     lagged = np.zeros((3, count))
+    short, timing, seen, late = np.zeros(count), np.zeros((7, count)), np.zeros((2, count)), np.zeros(count)
     last, clock, filled = np.zeros((2, count)), np.zeros(2), np.zeros(2, np.int64)
-    return Defect(last, steps, rates, skew, lagged, total, mean, variance, clock, filled, sizes)
+    velocity = np.array([name in VELOCITIES for name in states], np.int64)
+    return Defect(
+        last,
+        steps,
+        rates,
+        skew,
+        lagged,
+        total,
+        short,
+        timing,
+        seen,
+        late,
+        mean,
+        variance,
+        clock,
+        filled,
+        sizes,
+        velocity,
+    )
 
 
 def clear_defect(defect: Defect) -> None:
     """Know nothing."""
-    for array in defect[:-1]:
+    for array in defect[:-2]:
         array[...] = 0
+    defect.seen[1] = np.inf
     defect.filled[0] = -1
 
 
 @compiled
-def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array) -> None:
-    """Take samples; ``defect.variance`` follows.
+def observe_defect(
+    defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array, aligned: Array
+) -> None:
+    """Take samples; ``defect.variance`` and ``defect.late`` follow.
 
     Parameters
     ----------
@@ -122,6 +192,8 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
         (v,) where the states stand.
     noise
         (n, 2 v) out: variance of their noise after each sample, and that of white noise.
+    aligned
+        (n, states) in and out: the states, of which those that are late are put in step with their derivatives.
     """
     longest = defect.steps.shape[0]
     for k in range(time.shape[0]):
@@ -131,6 +203,7 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
         if defect.filled[0] < 0:
             for j in range(columns.shape[0]):
                 defect.total[j] = 0.0
+                defect.short[j] = 0.0
                 defect.lagged[0, j] = 0.0
                 for i in range(longest):
                     defect.steps[i, j] = 0.0
@@ -144,7 +217,9 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
             if defect.filled[0] >= 0:
                 slot = defect.filled[0] % defect.size[j]
                 d = v - defect.last[0, j] - 0.5 * step * (a + defect.last[1, j])
+                quarter = (defect.filled[0] - defect.size[j] // SHORT) % defect.size[j]
                 defect.total[j] += d - defect.steps[slot, j]
+                defect.short[j] += d - defect.steps[quarter, j]
                 defect.steps[slot, j] = d
                 observe_step(defect, j, d, step)
             if full:
@@ -155,6 +230,9 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 change -= defect.skew[0, j]
                 defect.skew[1, j] += gain * (deviation * change - defect.skew[1, j])
                 defect.skew[2, j] += gain * (change * change - defect.skew[2, j])
+                if defect.velocity[j] != 0:
+                    before = defect.rates[(defect.filled[0] - defect.size[j] // SHORT) % defect.size[j], j]
+                    observe_timing(defect, j, deviation, change, a - before, step)
                 if defect.skew[2, j] > 0.0:
                     deviation -= defect.skew[1, j] / defect.skew[2, j] * change
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
@@ -168,10 +246,16 @@ def observe_defect(defect: Defect, time: Array, x: Array, xdot: Array, columns: 
                 defect.variance[j] = (1.0 - own) * (defect.variance[j] + own * deviation * deviation)
                 noise[k, j] = defect.variance[j]
             noise[k, columns.shape[0] + j] = max(-defect.lagged[1, j], 0.0)
+            late = defect.late[j]
+            aligned[k, columns[j]] = v + late * a
+            if late != 0.0 and defect.filled[0] >= 0 and step > 0.0:
+                aligned[k, columns[j]] -= CURVED * late * late * (a - defect.last[1, j]) / step
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v
             defect.last[1, j] = a
+        if full:
+            combine_timing(defect)
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0
         defect.clock[0] = time[k]
         defect.filled[0] += 1
@@ -187,3 +271,64 @@ def observe_step(defect: Defect, j: int, d: float, step: float) -> None:
     defect.lagged[2, j] += 1.0
     gain = max(1.0 / defect.lagged[2, j], step / MEMORY)
     defect.lagged[1, j] += gain * (last * d - defect.lagged[1, j])
+
+
+@compiled
+def observe_timing(defect: Defect, j: int, deviation: float, change: float, moved: float, step: float) -> None:
+    """Update how late state j is.
+
+    Parameters
+    ----------
+    defect
+        Memory; updated.
+    j
+        Which.
+    deviation, change
+        D and C of the whole window, about their means.
+    moved
+        Change of the derivative over the short window.
+    step
+        Since the last sample [s].
+    """
+    size = defect.size[j]
+    part = (size // SHORT) / size
+    short = defect.short[j] - part * defect.mean[j]
+    moved -= part * defect.skew[0, j]
+    fade = 1.0 - step / CONSTANT
+    for i, value in enumerate(
+        (1.0, deviation * deviation, deviation * change, change * change, short * short, short * moved, moved * moved)
+    ):
+        defect.timing[i, j] = fade * defect.timing[i, j] + value
+    own = defect.timing[:, j]
+    windows = OVERLAP * own[0] / size - 2.0
+    if windows <= 0.0 or own[3] <= 0.0:
+        return
+    tau = -own[2] / own[3]
+    left = max(own[1] + tau * own[2], 0.0)
+    quick = max(own[4] + tau * (2.0 * own[5] + tau * own[6]), 0.0)
+    gust = FASTEST * max(left - quick, 0.0) / (1.0 - part) / own[3]
+    defect.seen[0, j] = tau
+    defect.seen[1, j] = left / own[3] / windows + gust * gust
+
+
+@compiled
+def combine_timing(defect: Defect) -> None:
+    """Draw how late each velocity is to what all have in common, and keep what is certain of it."""
+    total = 0.0
+    common = 0.0
+    for j in range(defect.late.shape[0]):
+        weight = 1.0 / (defect.seen[1, j] + APART * APART)
+        total += weight
+        common += weight * defect.seen[0, j]
+    if total <= 0.0:
+        return
+    common /= total
+    spread = 1.0 / total + APART * APART
+    for j in range(defect.late.shape[0]):
+        if defect.velocity[j] == 0:
+            continue
+        own = spread / (spread + defect.seen[1, j])
+        tau = common + own * (defect.seen[0, j] - common)
+        variance = spread * (1.0 - own)
+        late = tau - variance / tau if tau * tau > variance else 0.0
+        defect.late[j] = min(max(late, -LATEST), LATEST)

@@ -54,6 +54,7 @@ class Preparation:
         self._engine = engine
         self._kept = np.array([c.states.index(s) for s in c.rows], np.int64)
         self._regressors = len(c.regressors)
+        self._number = len(c.states)
         self._forces = find_forces(c.rows, c.known_gravity)
         self._states = find_states(c.states)
         self._turning = c.known_rotation
@@ -63,17 +64,25 @@ class Preparation:
         """Forget the samples before."""
         clear_defect(self._defect)
 
+    @property
+    def state_delay(self) -> Array:
+        """(n,) by how much the states come after their derivatives, for certain [s]."""
+        found = np.zeros(self._number)
+        found[self._kept] = self._defect.late
+        return found
+
     def prepare(self, screened: Screened, learnt: bool) -> Samples:
         """Build the regression of samples, where they are learnt from, and room for what comes of them."""
         time, x, xdot, delta = screened[:4]
         count = len(time)
         phi, y = np.empty((count, self._regressors)), np.empty((count, len(self._kept)))
         if learnt and count > 0:
-            build_regression(x, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)
+            regressed = x
             if isinstance(self._engine, BankRegression):
-                noise = np.empty((count, 2 * len(self._kept)))
-                observe_defect(self._defect, time, x, xdot, self._kept, noise)
+                noise, regressed = np.empty((count, 2 * len(self._kept))), x.copy()
+                observe_defect(self._defect, time, x, xdot, self._kept, noise, regressed)
                 self._engine.observe(time, noise)
+            build_regression(regressed, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)
         return Samples(time, x, xdot, delta, phi, y, self._engine.make_output(count))
 
 

@@ -74,6 +74,7 @@ def models_of(stream: Stamped[Any], origin: int, stride: int, warnings: list[str
         residual_std=columns["residual_std"],
         delay=float(getattr(good[-1][1], "delay", 0.0)),
         lag=float(getattr(good[-1][1], "lag", 0.0)),
+        state_delay=np.ravel(getattr(good[-1][1], "state_delay", ())),
         stride=stride,
     )
 

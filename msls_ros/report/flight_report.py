@@ -154,6 +154,8 @@ class _Builder:
         said = [model_tables.LEGEND]
         if self.models.lag > 0.0:
             said.append(model_tables.servo_text(self.models.lag, self.models.delay))
+        if (abs(self.models.state_delay) > model_tables.TIMELY).any():
+            said.append(model_tables.timing_text(self.models.states, self.models.state_delay))
         body = page.paragraphs(said) + model_tables.best_tables(self.known)
         truth = self.flight.truth
         if truth is not None and self.known.known.any():

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from html import escape
 
 import numpy as np
@@ -17,6 +18,19 @@ LEGEND = (
     "grey: never known; italic: from physics. Below each number its standard error. Rows are equations, columns states "
     "and effectors; [state per second per state or rad]."
 )
+
+
+TIMELY = 0.003
+"""What comes no later than that is not written of [s]."""
+
+
+def timing_text(states: Sequence[str], late: Array) -> str:
+    """Say which states come late after their derivatives, (n,) [s], and what has been done about it."""
+    said = ", ".join(f"{n} {1e3 * t:.0f} ms" for n, t in zip(states, late, strict=True) if abs(t) > TIMELY)
+    return (
+        f"Velocities were measured later than their derivatives: {said} at the end of the flight (negative: earlier). "
+        f"They were put in step before they were learnt from; A and B are those of the aircraft."
+    )
 
 
 def servo_text(lag: float, delay: float) -> str:

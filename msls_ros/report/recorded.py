@@ -57,6 +57,8 @@ class Models:
     """By how much the last one says that responses come after deflections [s]."""
     lag: float = 0.0
     """And the lag of deflections that it found, 0: none [s]."""
+    state_delay: Array = field(default_factory=lambda: np.zeros(0))
+    """(n,) and by how much velocities come after their derivatives [s]."""
     stride: int = 1
     """Every which of the published models is held here."""
 

@@ -247,7 +247,7 @@ def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0
     slope = 3.0 * np.cos(3.0 * time)[:, None]
     for k in range(1, n):
         fresh[k] += keep * fresh[k - 1]
-    observe_defect(defect, time, x, slope + fresh, np.zeros(1, np.int64), out)
+    observe_defect(defect, time, x, slope + fresh, np.zeros(1, np.int64), out, x.copy())
     return math.sqrt(float(out[-1, 0]))
 
 
@@ -429,7 +429,7 @@ def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is(
     defect = make_defect(("w",), 100.0)
     clear_defect(defect)
     found = np.zeros((n, 2))
-    observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros(1, np.int64), found)
+    observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros(1, np.int64), found, x.copy())
     assert found[20, 0] == pytest.approx(np.var(x[:21]), rel=1e-9)
     assert found[39, 0] == pytest.approx(np.var(x[:40]), rel=1e-9)
     assert found[199, 0] == pytest.approx(np.var(x), rel=0.5)

@@ -22,6 +22,7 @@ from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.bank.regression import BankRegression
+from msls_ros.estimation.samples import Preparation
 from msls_ros.report.recorded import Models, Truth
 from msls_ros.report.words import describe_drift, find_changes
 
@@ -228,6 +229,15 @@ def test_a_lag_that_was_found_is_written_beside_the_model(
     monkeypatch.setattr(BankRegression, "lag", property(lambda self: 0.035))
     made = make(capsys, record(tmp_path / "flown", INPUTS, kept=False), *FEW)
     assert "like commands to servos: through a lag of 35 ms, 0 ms late" in made.page.text
+
+
+def test_velocities_that_were_late_are_written_beside_the_model(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    late = np.array([0.0, 0.02, -0.012, *[0.0] * 6])
+    monkeypatch.setattr(Preparation, "state_delay", property(lambda self: late))
+    made = make(capsys, record(tmp_path / "flown", INPUTS, kept=False), *FEW)
+    assert "later than their derivatives: v 20 ms, w -12 ms at the end" in made.page.text
 
 
 def test_an_identifier_of_another_aircraft_gets_a_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
