@@ -47,6 +47,7 @@ Controlled Clinical Trials 7 (1986) (random effects).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -81,6 +82,12 @@ SHORT = 4
 
 FASTEST = 10.0
 """Damping with which an aircraft follows a gust at most [1/s]: 1 to 6 of translation from airliners to models."""
+
+CERTAIN = 2.0
+"""Standard errors of a mean square that are counted for gusts: in the first windows these may not have shown."""
+
+LEAST = 12.0
+"""Windows, independent ones, from which mean squares are known well enough, to .4, to tell gusts from a delay [1]."""
 
 CONSTANT = 300.0
 """Memory of how late velocities are [s]."""
@@ -300,15 +307,16 @@ def observe_timing(defect: Defect, j: int, deviation: float, change: float, move
     ):
         defect.timing[i, j] = fade * defect.timing[i, j] + value
     own = defect.timing[:, j]
-    windows = OVERLAP * own[0] / size - 2.0
-    if windows <= 0.0 or own[3] <= 0.0:
+    windows = OVERLAP * own[0] / size
+    if windows < LEAST or own[3] <= 0.0:
         return
     tau = -own[2] / own[3]
     left = max(own[1] + tau * own[2], 0.0)
     quick = max(own[4] + tau * (2.0 * own[5] + tau * own[6]), 0.0)
-    gust = FASTEST * max(left - quick, 0.0) / (1.0 - part) / own[3]
+    grown = max(left - quick, 0.0) + CERTAIN * math.sqrt(2.0 / windows) * left
+    gust = FASTEST * grown / (1.0 - part) / own[3]
     defect.seen[0, j] = tau
-    defect.seen[1, j] = left / own[3] / windows + gust * gust
+    defect.seen[1, j] = left / own[3] / (windows - 2.0) + gust * gust
 
 
 @compiled
