@@ -13,14 +13,15 @@ RATE = 50.0
 A = np.array([[-2.0, 25.0], [-0.8, -3.0]])
 B = np.array([[-4.0], [-20.0]])
 FINE = 20
+Flight = tuple[Array, Array, Array, Array]
 
 
-def fly(gusts: float = 0.0, seed: int = 0, seconds: float = 40.0) -> tuple[Array, Array, Array, Array]:
+def fly(gusts: float = 0.0, seed: int = 0, seconds: float = 40.0) -> Flight:
     """Return time, states w and Q through the air, their derivatives less gusts, and deflections, `FINE` per sample."""
     random = np.random.default_rng(seed)
     dt = 1.0 / RATE / FINE
     n = round(seconds * RATE) * FINE
-    time = dt * np.arange(n)
+    time = dt * np.arange(n, dtype=np.float64)
     delta = np.zeros((n, 1))
     for start in np.arange(3.0, seconds - 3.0, 5.0):
         for begin, end, size in ((0.0, 0.6, 0.05), (0.6, 1.0, -0.05), (1.0, 1.2, 0.05)):
@@ -34,9 +35,7 @@ def fly(gusts: float = 0.0, seed: int = 0, seconds: float = 40.0) -> tuple[Array
     return time, x, slopes, delta
 
 
-def record(
-    flight: tuple[Array, Array, Array, Array], late: float, lag: float, noise: float = 0.01
-) -> tuple[Array, ...]:
+def record(flight: Flight, late: float, lag: float, noise: float = 0.01) -> Flight:
     """Return what is sampled of a flight, w delayed by ``late`` and lagging by ``lag`` [s], noise of w [m/s]."""
     time, x, slopes, delta = flight
     random = np.random.default_rng(1)
@@ -51,7 +50,7 @@ def record(
     return time[::FINE], seen, moves, delta[::FINE]
 
 
-def find(samples: tuple[Array, ...]) -> tuple[float, Array]:
+def find(samples: Flight) -> tuple[float, Array]:
     """Return how late w is found to be at the end [s], and w as it is learnt from."""
     time, x, slopes, _ = samples
     defect = make_defect(("w", "Q"), RATE)
@@ -95,7 +94,7 @@ def test_nothing_is_put_right_before_it_is_certain() -> None:
     assert (aligned[before] == samples[1][before, 0]).all(), "nothing has moved yet"
 
 
-def identify(samples: tuple[Array, ...], method: str = "bank") -> Estimate:
+def identify(samples: Flight, method: str = "bank") -> Estimate:
     names = {"states": ("w", "Q"), "effectors": ("de",), "sample_rate": RATE, "known_gravity": False}
     return Identifier(from_mapping({**names, "estimator.method": method})).run(*samples).estimates[-1]
 
