@@ -6,7 +6,7 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -187,23 +187,39 @@ def test_the_face_of_a_room_says_what_it_is_for(room: str) -> None:
         assert "This room imports" in text and "Begin with" in text, f"{room}: say what it may import, where to begin"
 
 
-@pytest.mark.parametrize("room", GROUND)
-def test_a_room_of_the_ground_floor_runs_with_nothing_of_the_others_installed(room: str) -> None:
-    forbidden = sorted(set().union({"scipy", "tqdm"}, *OWN.values()) - OWN[room] - INDIRECT.get(room, set()))
-    paths = [path.relative_to(PACKAGE.parent).with_suffix("") for own, path in files() if own == room]
+def import_without(forbidden: Iterable[str], modules: Iterable[str]) -> None:
+    """Import modules in a process of their own where some packages are not installed."""
     code = (
         "import sys, importlib\n"
         "class Absent:\n"
         "    def find_spec(self, name, path=None, target=None):\n"
-        f"        if name.split('.')[0] in {forbidden}:\n"
+        f"        if name.split('.')[0] in {sorted(forbidden)}:\n"
         "            raise ModuleNotFoundError(name)\n"
         "sys.meta_path.insert(0, Absent())\n"
-        f"for name in {['.'.join(path.parts).removesuffix('.__init__') for path in paths]}:\n"
+        f"for name in {list(modules)}:\n"
         "    importlib.import_module(name)\n"
     )
     command = [sys.executable, "-c", code]
     done = subprocess.run(command, cwd=PACKAGE.parent, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("room", GROUND)
+def test_a_room_of_the_ground_floor_runs_with_nothing_of_the_others_installed(room: str) -> None:
+    forbidden = set().union({"scipy", "tqdm"}, *OWN.values()) - OWN[room] - INDIRECT.get(room, set())
+    paths = [path.relative_to(PACKAGE.parent).with_suffix("") for own, path in files() if own == room]
+    import_without(forbidden, [".".join(path.parts).removesuffix(".__init__") for path in paths])
+
+
+FLIGHT = ROS | OWN["estimation"] | OWN["inputs"]
+NEEDED = {"identifier": FLIGHT | OWN["bags"], "mixer": FLIGHT, "recorder": FLIGHT | OWN["bags"], "watching": FLIGHT}
+"""What the nodes of a stack need that has no simulator; messages are filled and decoded by the room of the bags."""
+
+
+@pytest.mark.parametrize("node", sorted(NEEDED))
+def test_a_node_of_a_stack_runs_with_nothing_installed_that_it_does_not_need(node: str) -> None:
+    forbidden = set().union({"scipy"}, *OWN.values()) - NEEDED[node]
+    import_without(forbidden, [f"msls_ros.nodes.{node}", "msls_ros.nodes.running", "msls_ros.commands.node_help"])
 
 
 def test_every_room_is_installed() -> None:

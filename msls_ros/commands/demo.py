@@ -30,7 +30,7 @@ from msls_ros.flights.scenario_law import changed_law
 from msls_ros.flights.scenarios import Scenario, ScenarioError, find_scenario, listing
 from msls_ros.nodes.flight import FlightError, fly
 from msls_ros.nodes.loopback import stay_on_this_machine
-from msls_ros.nodes.running import BAD_INPUT
+from msls_ros.nodes.running import bad_input
 from msls_ros.offline.comparison import compare
 from msls_ros.plant import NOISE_LEVELS
 
@@ -90,7 +90,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if interrupted:  # compiled code swallows an interrupt and fails in ways of its own
             print(f"\ndemo: interrupted; what was flown so far is in '{out / 'bag'}'", file=sys.stderr)
             return 130
-        if not isinstance(error, (*BAD_INPUT, FlightError, OSError)):
+        if not isinstance(error, (*bad_input(), FlightError, OSError)):
             raise
         print(f"demo: {error}", file=sys.stderr)
         return 2

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable
 from copy import copy
 from functools import partial
@@ -18,7 +17,8 @@ from msls_ros.bags import BagError, SampleDecoder
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, PairedSample, Refused, Synchronizer
 from msls_ros.inputs.pacing import slowest_pace
-from msls_ros.nodes.parameters import NodeError, plain
+from msls_ros.nodes.message_types import message_class
+from msls_ros.nodes.parameters import plain
 from msls_ros.nodes.quality import Refuse, listen, overriding
 
 PREFIX = "inputs."
@@ -133,23 +133,3 @@ def subscribe(
     """
     classes = {topic: message_class(msgtype) for topic, msgtype in topics.items()}
     return [listen(node, c, topic, quality, partial(take, topic), refuse) for topic, c in classes.items()]
-
-
-def message_class(msgtype: str) -> type[Any]:
-    """Return the class of a type, ``PACKAGE/msg/NAME``.
-
-    Raises
-    ------
-    NodeError
-        If it is not installed here.
-    """
-    try:
-        package, _, name = msgtype.split("/")
-        found: type[Any] = getattr(importlib.import_module(f"{package}.msg"), name)
-    except ValueError:
-        message = f"'{msgtype}' is not a type; expected PACKAGE/msg/NAME"
-        raise NodeError(message) from None
-    except (ImportError, AttributeError):
-        message = f"the type {msgtype} is not installed: source the workspace that builds the package {package}"
-        raise NodeError(message) from None
-    return found

@@ -23,7 +23,7 @@ from msls_ros.estimation.mixer import Mixer, MixerLimits
 from msls_ros.inputs import NamedVector, Refused
 from msls_ros.inputs.field_paths import FieldPath
 from msls_ros.inputs.freshness import Freshness
-from msls_ros.nodes.inputs import message_class
+from msls_ros.nodes.message_types import message_class
 from msls_ros.nodes.parameters import NodeError, declare_table, fixed, warn_of_unknown
 from msls_ros.nodes.quality import best_effort, listen, overriding, publish, reliable
 from msls_ros.nodes.refusals import Diagnostics, Health, Refusals

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
-from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -17,6 +16,7 @@ from msls_ros.estimation import Identifier
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.inputs import Synchronizer
 from msls_ros.inputs.freshness import RateWatch
+from msls_ros.nodes.message_types import type_of
 
 REMEMBERED = 1000
 """Samples whose processing time is remembered."""
@@ -115,8 +115,7 @@ def awaited(node: Node, topic: str, subscription: Subscription, count: int) -> s
     name = subscription.topic_name
     if count:
         return f"{name}: {count} messages"
-    kind: Any = subscription.msg_type
-    expected = f"{kind.__module__.partition('.')[0]}/msg/{kind.__name__}"
+    expected = type_of(subscription.msg_type)
     publishers = node.get_publishers_info_by_topic(topic)
     wrong = []
     for found in publishers:

@@ -16,14 +16,18 @@ from rclpy.logging import LoggingSeverity, get_logger_effective_level, set_logge
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
-from msls_ros.bags import BagError
 from msls_ros.estimation import EstimationError
 from msls_ros.nodes.parameters import NodeError, check_files
 from msls_ros.nodes.stopping import Stopping
-from msls_ros.plant import PlantError
 
-BAD_INPUT = (NodeError, EstimationError, PlantError, BagError)
-"""What the rooms raise for bad input, each with one sentence."""
+ERRORS = {"msls_ros.plant": "PlantError", "msls_ros.bags": "BagError"}
+"""What rooms raise for bad input that not every node imports."""
+
+
+def bad_input() -> tuple[type[Exception], ...]:
+    """Return what may be raised for bad input, each with one sentence: of the rooms that have been imported."""
+    rooms = [getattr(sys.modules[room], error) for room, error in ERRORS.items() if room in sys.modules]
+    return (NodeError, EstimationError, *rooms)
 
 
 def run_node(make: Callable[[], Node], arguments: Sequence[str], stopping: Stopping | None = None) -> int:
@@ -66,7 +70,7 @@ def _run(make: Callable[[], Node], arguments: Sequence[str], stopping: Stopping)
     set_logger_level("rcl", level)
     nodes: list[Node] = []
     executor = SingleThreadedExecutor()
-    problems = []
+    problems: list[Exception] = []
     try:
         nodes.append(make())
         check_files(nodes[0], arguments)
@@ -74,7 +78,7 @@ def _run(make: Callable[[], Node], arguments: Sequence[str], stopping: Stopping)
         gc.freeze()  # what is here now stays: looking through it again would take 100 ms in flight
         executor.add_node(nodes[0])
         _spin(executor, nodes[0], stopping)
-    except BAD_INPUT as error:
+    except bad_input() as error:
         problems.append(error)
     finally:
         stopping.wake_with(lambda: None)
@@ -82,7 +86,7 @@ def _run(make: Callable[[], Node], arguments: Sequence[str], stopping: Stopping)
         try:
             for node in nodes:
                 node.destroy_node()
-        except BAD_INPUT as error:
+        except bad_input() as error:
             problems.append(error)
         rclpy.try_shutdown()
     for problem in problems[:1]:

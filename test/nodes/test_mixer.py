@@ -15,7 +15,7 @@ from std_srvs.srv import SetBool
 from msls_ros import messages
 from msls_ros.estimation import Dither, EstimationError, Level
 from msls_ros.inputs.field_paths import FieldPath
-from msls_ros.nodes.inputs import message_class
+from msls_ros.nodes.message_types import message_class
 from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.parameters import NodeError
 from msls_ros.nodes.quality import best_effort, reliable

@@ -18,7 +18,7 @@ from rclpy.parameter import Parameter
 from msls_ros import messages
 from msls_ros.estimation import Configuration, EstimationError, Identifier
 from msls_ros.nodes import control_parameters, controller, identifier, mixer, pilot, plant, recorder
-from msls_ros.nodes.running import BAD_INPUT
+from msls_ros.nodes.running import bad_input
 from msls_ros.plant import EFFECTORS, STATES
 from msls_ros.testing import Bench
 
@@ -78,7 +78,7 @@ def test_at_the_start_a_bad_value_of_every_parameter_is_refused_with_a_reason(
             given = [Parameter(n, value=v) for n, v in {**NODES[node][2], name: bad}.items()]
             try:
                 made = kind(context=shared_bench.context, parameter_overrides=given)
-            except BAD_INPUT as error:
+            except bad_input() as error:
                 if len(str(error)) < 20:
                     wordless.append((name, bad, str(error)))
             else:
