@@ -71,7 +71,8 @@ fixed when the node starts; *flight*: it may change while the node runs.
 """
 MAPPED = """
 A managed (lifecycle) node. With parameters `inputs.*` it subscribes to topics of any type instead of `state` and
-`effectors`: [own stack](own_stack.md)."""
+`effectors`: [own stack](own_stack.md). `model` and `fault` are latched (reliable, transient local): whoever joins late
+and asks for it (transient local too) is given the last models, and the last hundred events."""
 
 
 def main(argv: Sequence[str] | None = None) -> int:

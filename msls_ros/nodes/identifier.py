@@ -16,7 +16,15 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
-from msls_ros.estimation import Configuration, Dither, Estimate, EstimationError, Identifier, Level
+from msls_ros.estimation import (
+    Configuration,
+    Dither,
+    Estimate,
+    EstimationError,
+    FaultEvent,
+    Identifier,
+    Level,
+)
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
@@ -25,7 +33,7 @@ from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
 from msls_ros.nodes.monitoring import Monitor, awaited, judged, told
-from msls_ros.nodes.outputs import Outputs
+from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
     NodeError,
     configuration_table,
@@ -92,6 +100,7 @@ class IdentifierNode(LifecycleNode):
         self._sample: PairedSample | None = None
         self._active = False
         self._stale = True
+        self._model_due = False
         self.events = 0
         """Fault events published."""
         self.add_on_set_parameters_callback(self._check_parameters)
@@ -136,7 +145,7 @@ class IdentifierNode(LifecycleNode):
         built = self._build(c)
         self._subscriptions_made = self._subscribe(c)
         first = built.estimate(0.0, np.zeros(len(c.states)))
-        self._outputs = Outputs(self, c, self._p["frame_id"], reliable(depth_of(KEPT, c.sample_rate)), first)
+        self._outputs = Outputs(self, c, self._p["frame_id"], depth_of(KEPT, c.sample_rate), first)
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
@@ -311,14 +320,23 @@ class IdentifierNode(LifecycleNode):
             self._watch.reset()
             self._outputs.dither(sample.stamp, dither)
         for event in self._identifier.take_events():
-            self.get_logger().warning(event.description)
-            self._outputs.fault(sample.stamp, event)
-            self._monitor.last_event = event.description
-            self.events += 1
-        if self._identifier.samples % self._p["publish_every"] == 0 and self._outputs.model_wanted:
-            self._outputs.model(sample.stamp, self._identifier.estimate(sample.time, sample.x))
+            self._publish_event(sample, event)
+        self._model_due = self._model_due or self._identifier.samples % self._p["publish_every"] == 0
+        if self._model_due and self._outputs.model_wanted:
+            self._publish_model()
         if self._rate.take(sample.stamp):
             self.get_logger().warning(self._rate.sentence)
+
+    def _publish_event(self, sample: PairedSample, event: FaultEvent) -> None:
+        self.get_logger().warning(event.description)
+        self._outputs.fault(sample.stamp, event)
+        self._monitor.last_event = event.description
+        self.events += 1
+
+    def _publish_model(self) -> None:
+        assert self._identifier is not None and self._sample is not None
+        self._model_due = False
+        self._outputs.model(self._sample.stamp, self._identifier.estimate(self._sample.time, self._sample.x))
 
     def _old(self, sample: PairedSample) -> bool:
         """Whether a sample is too old to be answered by a dither; it is learnt from all the same."""
@@ -374,9 +392,13 @@ class IdentifierNode(LifecycleNode):
         count = len(self._identifier.configuration.effectors)
         stamp = self._now() if self._sample is None else self._sample.stamp
         self._outputs.dither(stamp, Dither(np.zeros(count), 0.0, 0.0, 0.0, Level.INHIBITED, reason))
+        if self._model_due and self._identifier.samples:  # nobody has listened; who joins from now on gets this one
+            self._publish_model()
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         assert self._identifier is not None
+        if self._sample is not None and self._identifier.samples:
+            self._publish_event(self._sample, asked_to_reset(self._identifier.configuration, self._sample.time))
         self._identifier.reset()
         self._synchronizer.clear()
         self._rate.clear()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from copy import copy
 from dataclasses import replace
 from typing import Any
 
@@ -14,10 +13,10 @@ from rclpy.qos import QoSProfile
 
 from msls_ros import messages, records
 from msls_ros.bags import MessageTemplate
-from msls_ros.estimation import Configuration, Dither, Estimate, Level
+from msls_ros.estimation import Configuration, Dither, Estimate, EventKind, Level
 from msls_ros.estimation import FaultEvent as Event
 from msls_ros.estimation.dither.answer import REASONS
-from msls_ros.nodes.quality import overriding
+from msls_ros.nodes.quality import EVENTS, latched, overriding, reliable
 
 
 class _Form:
@@ -41,6 +40,12 @@ class _Form:
         return self._bytes.tobytes()
 
 
+def asked_to_reset(configuration: Configuration, time: float) -> Event:
+    """Return the event that ends an estimate on request: whoever joins later is given those before it, too."""
+    text = "the estimate begins anew: ~/reset was called"
+    return Event(time, EventKind.RESET, configuration.rows, (), (), description=text)
+
+
 class Outputs:
     """The identifier's publishers.
 
@@ -52,25 +57,26 @@ class Outputs:
         Names and sizes.
     frame
         Of all headers.
-    quality
-        Quality of service.
+    depth
+        Of the queues of models and dithers [messages].
     first
         An estimate, from which the form of a model is made: the first form takes a third of a second, which is had
         now and neither in flight nor when the node is told to stop.
     """
 
     def __init__(
-        self, node: LifecycleNode, configuration: Configuration, frame: str, quality: QoSProfile, first: Estimate
+        self, node: LifecycleNode, configuration: Configuration, frame: str, depth: int, first: Estimate
     ) -> None:
         """Make the publishers and the forms of what they publish; see the class."""
         self._node, self._frame = node, frame
         self._effectors = configuration.effectors
 
-        def make(kind: type[Any], topic: str) -> Any:
-            return node.create_lifecycle_publisher(kind, topic, copy(quality), qos_overriding_options=overriding())
+        def make(kind: type[Any], topic: str, quality: QoSProfile) -> Any:
+            return node.create_lifecycle_publisher(kind, topic, quality, qos_overriding_options=overriding())
 
-        self._model, self._fault = make(LinearModel, "model"), make(FaultEvent, "fault")
-        self._dither = make(DitherCommand, "dither")
+        self._model = make(LinearModel, "model", latched(depth))
+        self._fault = make(FaultEvent, "fault", latched(EVENTS))
+        self._dither = make(DitherCommand, "dither", reliable(depth))
         still = Dither(np.zeros(len(self._effectors)), 0.0, 0.0, 0.0, Level.INHIBITED, "")
         self._dither_forms = {reason: self._dither_form(replace(still, reason=reason)) for reason in REASONS}
         fields = records.model_fields(first)

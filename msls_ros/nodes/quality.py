@@ -1,4 +1,9 @@
-"""Quality of service of the topics: our own are reliable; queues hold as much time as a sample is of use."""
+"""Quality of service of the topics: our own are reliable; queues hold as much time as a sample is of use.
+
+What an identifier has found, `model` and `fault`, is latched. Those who act ask for nothing that is past: an alarm of
+long ago has no place in a law that begins now, and a dither none anywhere; nor does a recorder, whose bag holds what
+was published while it was recorded.
+"""
 
 from __future__ import annotations
 
@@ -29,6 +34,16 @@ def reliable(depth: int) -> QoSProfile:
         reliability=QoSReliabilityPolicy.RELIABLE,
         durability=QoSDurabilityPolicy.VOLATILE,
     )
+
+
+def latched(depth: int) -> QoSProfile:
+    """Return reliable quality of service that gives the newest messages also to whoever asks for them and joins late.
+
+    Of a publisher: subscriptions that are volatile match it, and get what comes from then on.
+    """
+    quality = reliable(depth)
+    quality.durability = QoSDurabilityPolicy.TRANSIENT_LOCAL
+    return quality
 
 
 def best_effort(depth: int) -> QoSProfile:
@@ -99,5 +114,7 @@ def listen(
 
 INPUT = reliable(100)
 """Room for two seconds at 50 Hz."""
+EVENTS = 100
+"""Fault events that are latched."""
 OUTPUT = INPUT
 """Models, events and dither out: the same."""

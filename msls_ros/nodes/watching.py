@@ -10,7 +10,9 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from msls_msgs.msg import DitherCommand, FaultEvent, LinearModel
 from rclpy.node import Node
 
-from msls_ros.nodes.quality import reliable
+from msls_ros.messages import stamp_of
+from msls_ros.nodes.quality import latched, reliable
+from msls_ros.nodes.refusals import TIME_JUMP
 
 EVENTS = 6
 """Events that are remembered."""
@@ -43,6 +45,10 @@ class WatchNode(Node):
         self.create_subscription(DitherCommand, "dither", self._on_dither, quality)
         self.create_subscription(FaultEvent, "fault", self._on_fault, quality)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, quality)
+        # What was found before; subscriptions of their own, as publishers that are volatile (a bag that is played)
+        # match none that asks for it.
+        self.create_subscription(LinearModel, "model", self._on_latched_model, latched(1))
+        self.create_subscription(FaultEvent, "fault", self._on_fault, latched(10))
 
     def rates(self) -> dict[str, float]:
         """Return the rates of the topics since the last call [Hz]."""
@@ -52,17 +58,33 @@ class WatchNode(Node):
         return {t: (counts[t] - before[t]) / max(now - since, 1e-3) for t in ("model", "dither")}
 
     def _on_model(self, message: LinearModel) -> None:
-        self.model = message
         self._counts["model"] += 1
+        self._take_model(message)
+
+    def _on_latched_model(self, message: LinearModel) -> None:
+        if self.model is None:
+            self._take_model(message)
+
+    def _take_model(self, message: LinearModel) -> None:
+        """Keep a model; events of a time after it are of before time began anew."""
+        self.model = message
+        now = stamp_of(message)
+        self.events = deque((e for e in self.events if stamp_of(e) <= now + TIME_JUMP), EVENTS)
 
     def _on_dither(self, message: DitherCommand) -> None:
         self.dither = message
         self._counts["dither"] += 1
 
     def _on_fault(self, message: FaultEvent) -> None:
-        self.events.append(message)
+        if _identity(message) not in map(_identity, self.events):
+            self.events.append(message)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             if status.name.startswith(self._prefix):
                 self.status = status
+
+
+def _identity(event: FaultEvent) -> tuple[int, int, str]:
+    """Return what makes an event the same: its numbers may be NaN, which equals nothing."""
+    return stamp_of(event), event.kind, event.description

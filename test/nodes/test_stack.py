@@ -375,7 +375,7 @@ def test_diagnostics_tell_rates_ages_times_backlog_dither_and_kernels(bench: Ben
 
 
 def test_nothing_is_built_for_a_model_that_nobody_listens_to(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    node = bench.add(IdentifierNode)
+    node = bench.add(IdentifierNode, lockstep=True)  # no time passes
     dither: list[DitherCommand] = bench.listen(DitherCommand, "dither")
     assert node._identifier is not None
     monkeypatch.setattr(node._identifier, "estimate", None)
