@@ -62,5 +62,5 @@ def nodes(context: Any) -> list[Node]:
         recorded: dict[str, Any] = {"out": given["record"]}
         if asks:
             recorded["topics"] = [*TOPICS, "pilot_command", "control_status"]
-        found.append(Node(executable="recorder", name="recorder", parameters=[recorded], **common))
+        found.append(Node(executable="recorder", name="recorder", parameters=[*files, recorded], **common))
     return found

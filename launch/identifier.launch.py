@@ -28,8 +28,10 @@ def nodes(context: Any) -> list[Node]:
     given = context.launch_configurations
     common = launching.common(given)
     own = launching.switches(given, "autostart", "use_sim_time")
-    parameters = [*launching.parameter_files(given), *([own] if own else [])]
+    files = launching.parameter_files(given)
+    parameters = [*files, *([own] if own else [])]
     found = [Node(executable="identifier", name="identifier", parameters=parameters, **common)]
     if given["record"]:
-        found.append(Node(executable="recorder", name="recorder", parameters=[{"out": given["record"]}], **common))
+        out = {"out": given["record"], **launching.switches(given, "use_sim_time")}
+        found.append(Node(executable="recorder", name="recorder", parameters=[*files, out], **common))
     return found

@@ -55,6 +55,10 @@ RUN_BY = {
     "./msls test docs/examples/test_my_aircraft.py": f"{HERE}::test_the_example_for_pytest_passes",
     "./msls identifier --ros-args --params-file docs/examples/my_stack.yaml": f"{HERE}"
     "::test_the_identifier_takes_the_example_of_a_stack",
+    "./msls recorder --ros-args --params-file docs/examples/my_stack.yaml -p out:=out/flight": f"{HERE}"
+    "::test_the_recorder_takes_the_example_of_a_stack",
+    "./msls replay out/flight": "test/nodes/test_recorder.py"
+    "::test_a_mapped_flight_is_recorded_and_replays_by_itself_to_the_bits_of_the_flight",
     "./msls inspect bags/tail_fault": BAG,
     "./msls replay bags/tail_fault": BAG,
     "./msls report bags/tail_fault": BAG,
@@ -256,7 +260,7 @@ def test_the_commands_on_a_bag_run_one_after_the_other(
 
 
 def test_the_identifier_takes_the_example_of_a_stack(bench: Bench) -> None:
-    (command,) = (command for command in RUN_BY if "my_stack.yaml" in command)
+    command = "./msls identifier --ros-args --params-file docs/examples/my_stack.yaml"
     node = process(command, ROS_DOMAIN_ID=str(bench.domain))
     try:
         for count, topic in (
@@ -268,6 +272,19 @@ def test_the_identifier_takes_the_example_of_a_stack(bench: Bench) -> None:
     finally:
         node.kill()
         node.communicate()
+
+
+def test_the_recorder_takes_the_example_of_a_stack(bench: Bench, tmp_path: Path) -> None:
+    command = "./msls recorder --ros-args --params-file docs/examples/my_stack.yaml -p out:=out/flight"
+    assert command in RUN_BY
+    node = process(command.replace("out/flight", str(tmp_path / "flight")), ROS_DOMAIN_ID=str(bench.domain))
+    bench.spin_until(lambda: bench.probe.count_subscribers("/joint_states") or node.poll() is not None, command)
+    node.terminate()
+    said, _ = node.communicate(timeout=60)
+    assert node.returncode == 0 and said == ""
+    files = (tmp_path / "flight" / "identifier.yaml", EXAMPLES / "my_stack.yaml")
+    kept, given = (yaml.safe_load(file.read_text())["/**"]["ros__parameters"]["inputs"] for file in files)
+    assert kept == given
 
 
 def test_the_live_fault_is_flown_as_the_page_says(bench: Bench) -> None:

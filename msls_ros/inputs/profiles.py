@@ -32,6 +32,8 @@ OTHER = (
 """Entries of a parameter file that are the node's, not of the `Configuration`."""
 
 
+BESIDE_A_BAG = "identifier.yaml"
+"""Name of the file, in a bag's folder, of the identifier's parameters in that flight."""
 RENAMED = {"f16_high_alpha": "f16", "f16_cruise": "f16", "A4_25hz": "A4", "c172x_25hz": "c172x"}
 """Shipped profiles as they were called while each condition and rate had one of its own."""
 
@@ -217,6 +219,20 @@ def matches_node(path: str | os.PathLike[str], node: str) -> bool:
         if re.fullmatch("".join(words), node):
             return True
     return False
+
+
+def render_parameters(configuration: Configuration, inputs: Mapping[str, Any], title: str) -> str:
+    """Write a configuration, and the entries of the section ``inputs`` by their dotted names, as a parameter file."""
+    text = render_profile(configuration, title)
+    nested: dict[str, Any] = {}
+    for name, value in inputs.items():
+        *groups, leaf = name.split(".", 1)
+        below = nested
+        for group in groups:
+            below = below.setdefault(group, {})
+        below[leaf] = value
+    section = yaml.safe_dump({"inputs": nested}, sort_keys=False, width=1000, allow_unicode=True) if nested else ""
+    return text + ("\n" + textwrap.indent(section, "    ") if section else "")
 
 
 def render_profile(configuration: Configuration, title: str) -> str:

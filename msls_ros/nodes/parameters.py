@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -142,8 +142,10 @@ def declare_table(node: Node, table: Table) -> dict[str, Any]:
     return values
 
 
-def warn_of_unknown(node: Node) -> None:
+def warn_of_unknown(node: Node, others: Container[str] = ()) -> None:
     """Log the parameters that were given at the start but that the node does not have: ROS ignores them silently.
+
+    Those of ``others`` are of another node in the same file, and not missed.
 
     Those of quality of service exist once the topics do, in a managed node only when it has been configured: they are
     looked at then, once.
@@ -151,7 +153,7 @@ def warn_of_unknown(node: Node) -> None:
     qualities = [name for name in node._parameter_overrides if name.startswith(QUALITY)]
     known = [name for name in node._parameters if not name.startswith(QUALITY)]
     for name in node._parameter_overrides:
-        if not node.has_parameter(name) and name not in qualities:
+        if not node.has_parameter(name) and name not in qualities and name not in others:
             near = nearest(name, known)
             text = f"parameter '{name}' does not exist and is ignored{near}{' ' if near else '; '}--help lists all"
             node.get_logger().warning(text)

@@ -79,6 +79,21 @@ def publish(node: Node, kind: type[Any], topic: str, quality: QoSProfile) -> Pub
     return node.create_publisher(kind, topic, copy(quality), qos_overriding_options=overriding())
 
 
+def decoded(data: bytes, kind: type[Any], topic: str) -> Any:
+    """Return the message that bytes are.
+
+    Raises
+    ------
+    Refused
+        If they are none of that kind.
+    """
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # whatever the type support says of bytes that are none of its messages
+        text = f"{topic}: {len(data)} bytes are no {kind.__name__}: {str(error).partition(', at ')[0]}"
+        raise Refused("malformed", text) from error
+
+
 def listen(
     node: Node, kind: type[Any], topic: str, quality: QoSProfile, take: Callable[[Any], None], refuse: Refuse
 ) -> Subscription:
@@ -102,12 +117,11 @@ def listen(
 
     def decode(data: bytes) -> None:
         try:
-            message = deserialize_message(data, kind)
-        except Exception as error:  # whatever the type support says of bytes that are none of its messages
-            text = f"{topic}: {len(data)} bytes are no {kind.__name__}: {str(error).partition(', at ')[0]}"
-            refuse(Refused("malformed", text))
-            return
-        take(message)
+            message = decoded(data, kind, topic)
+        except Refused as refused:
+            refuse(refused)
+        else:
+            take(message)
 
     return node.create_subscription(kind, topic, decode, copy(quality), raw=True, qos_overriding_options=overriding())
 

@@ -1,4 +1,8 @@
-"""The recorder node: writes the topics, as they come over the wire, to a rosbag2 MCAP bag."""
+"""The recorder node: writes the topics, as they come over the wire, to a rosbag2 MCAP bag.
+
+Given the identifier's parameter file it records the topics that the identifier takes its inputs from, whatever their
+type, and keeps the parameters beside the bag: `replay` then identifies from it what the identifier did.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +10,7 @@ import struct
 from collections import Counter
 from copy import copy
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from msls_msgs.msg import (
@@ -24,9 +29,15 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
 from msls_ros.bags import BagWriter
-from msls_ros.inputs import Refused
-from msls_ros.nodes.parameters import declare_table, fixed, warn_of_unknown
-from msls_ros.nodes.quality import overriding
+from msls_ros.bags.writer import LAST_STAMP
+from msls_ros.estimation import EstimationError, from_mapping
+from msls_ros.inputs import InputMap, Refused
+from msls_ros.inputs.input_map import TopicInput
+from msls_ros.inputs.profiles import BESIDE_A_BAG, OTHER, render_parameters
+from msls_ros.nodes.inputs import PREFIX, declare_inputs
+from msls_ros.nodes.message_types import message_class, type_of
+from msls_ros.nodes.parameters import configuration_table, declare_table, fixed, plain, warn_of_unknown
+from msls_ros.nodes.quality import best_effort, decoded, overriding
 from msls_ros.nodes.refusals import Refusals
 
 TOPICS: dict[str, Any] = {
@@ -44,10 +55,12 @@ TOPICS: dict[str, Any] = {
 }
 FIXED_LAW = tuple(TOPICS)[:-2]
 """What there is without a controller."""
+INPUTS = ("state", "effectors")
+"""What `inputs.*` stands in for."""
 PARAMETERS = {
     "out": fixed("flight", "folder of the bag to write"),
     "overwrite": fixed(False, "replace a bag that exists"),
-    "topics": fixed(list(FIXED_LAW), "topics to record", choices=TOPICS),
+    "topics": fixed(list(FIXED_LAW), "topics to record; with inputs.*, state and effectors are not", choices=TOPICS),
 }
 QUALITY = QoSProfile(depth=1000)
 _SMALLEST = 12
@@ -57,6 +70,8 @@ _SMALLEST = 12
 class RecorderNode(Node):
     """Record topics to a bag, stamped with the messages' own stamps.
 
+    With parameters `inputs.*`, as the identifier has them, it records those topics instead of `state` and `effectors`.
+
     Parameters
     ----------
     **options
@@ -64,7 +79,7 @@ class RecorderNode(Node):
 
     Raises
     ------
-    BagError, NodeError
+    BagError, EstimationError, NodeError
         For a bag that cannot be written, or a parameter that is refused.
     """
 
@@ -72,27 +87,59 @@ class RecorderNode(Node):
         """Open the bag and subscribe to everything, undecoded."""
         super().__init__(name, **options)
         p = declare_table(self, PARAMETERS)
-        warn_of_unknown(self)
+        inputs = declare_inputs(self)
+        warn_of_unknown(self, {*configuration_table(), *OTHER})
+        kept = self._identifier_parameters(inputs)
+        sources = [] if inputs is None else [(s, message_class(s.msgtype)) for s in inputs.topics.values()]
         self._writer = BagWriter(p["out"], overwrite=p["overwrite"])
         self.counts: Counter[str] = Counter()
         """Messages written, by topic."""
         self._refusals = Refusals(self)
         self.refused = self._refusals.counts
         """Messages refused, by reason."""
+        if kept:
+            (Path(p["out"]) / BESIDE_A_BAG).write_text(kept, encoding="utf-8")
         for topic in p["topics"]:
-            resolved = self.resolve_topic_name(topic)
-            kind = TOPICS[topic]
-            msgtype = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
-            self._writer.add_topic(resolved, msgtype)
-            self.create_subscription(
-                kind,
-                topic,
-                partial(self._write, topic, resolved, msgtype),
-                copy(QUALITY),
-                raw=True,
-                qos_overriding_options=overriding(),
-            )
+            if inputs is None or topic not in INPUTS:
+                self._record(topic, TOPICS[topic], copy(QUALITY))
+        for source, kind in sources:
+            plain_stamp = _begins_with_stamp(kind, source)
+            self._record(source.topic, kind, best_effort(QUALITY.depth), None if plain_stamp else source)
         self.create_timer(0.5, self._writer.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def _identifier_parameters(self, inputs: InputMap | None) -> str:
+        """Return the text of the identifier's parameters that were given, topics by their names in the bag."""
+        given = {name: plain(p) for name, p in self._parameter_overrides.items()}
+        own = {name: value for name, value in given.items() if name in configuration_table()}
+        if not own and inputs is None:
+            return ""
+        entries = {name[len(PREFIX) :]: value for name, value in given.items() if name.startswith(PREFIX)}
+        for alias, source in inputs.topics.items() if inputs is not None else ():
+            name = f"topics.{alias}"
+            entries[name] = entries[name].replace(source.topic, self.resolve_topic_name(source.topic), 1)
+        return render_parameters(
+            from_mapping(own), entries, "The identifier's parameters, as the recorder was given them."
+        )
+
+    def _record(self, topic: str, kind: Any, quality: QoSProfile, source: TopicInput | None = None) -> None:
+        """Subscribe to a topic; stamps are those at the beginning of the messages, or where a source says."""
+        resolved, msgtype = self.resolve_topic_name(topic), type_of(kind)
+        self._writer.add_topic(resolved, msgtype)
+        take = partial(self._write, topic, resolved, msgtype)
+        if source is not None:
+            take = partial(self._write_mapped, source, kind, resolved)
+        self.create_subscription(kind, topic, take, quality, raw=True, qos_overriding_options=overriding())
+
+    def _write_mapped(self, source: TopicInput, kind: Any, resolved: str, data: bytes) -> None:
+        """Write a message under the stamp that the identifier takes: of any field, or its arrival."""
+        try:
+            stamp = source.instant(self.get_clock().now().nanoseconds, decoded(data, kind, source.topic))
+        except EstimationError as error:
+            self._refusals.take(Refused("field", str(error)))
+        except Refused as refused:
+            self._refusals.take(refused)
+        else:
+            self._keep(source.topic, resolved, source.msgtype, stamp, data)
 
     def _write(self, topic: str, resolved: str, msgtype: str, data: bytes) -> None:
         """Write a message under the stamp that its header (or clock) begins with."""
@@ -101,10 +148,14 @@ class RecorderNode(Node):
             self._refusals.take(Refused("malformed", text))
             return
         seconds, nanoseconds = struct.unpack_from("<iI" if data[1] & 1 else ">iI", data, 4)
-        if seconds < 0:
-            self._refusals.take(Refused("stamp_negative", f"{topic}: stamp {seconds} s; a bag's stamps begin at 0"))
+        self._keep(topic, resolved, msgtype, seconds * 1_000_000_000 + nanoseconds, data)
+
+    def _keep(self, topic: str, resolved: str, msgtype: str, stamp: int, data: bytes) -> None:
+        if not 0 <= stamp <= LAST_STAMP:
+            text = f"{topic}: stamp {stamp * 1e-9:.9g} s; a bag's stamps begin at 0 and end in 2262"
+            self._refusals.take(Refused("stamp_negative" if stamp < 0 else "stamp_far", text))
             return
-        self._writer.write(resolved, msgtype, seconds * 1_000_000_000 + nanoseconds, data)
+        self._writer.write(resolved, msgtype, stamp, data)
         self.counts[topic] += 1
 
     def destroy_node(self) -> None:
@@ -113,3 +164,9 @@ class RecorderNode(Node):
             self._writer.close()
         finally:
             super().destroy_node()
+
+
+def _begins_with_stamp(kind: Any, source: TopicInput) -> bool:
+    """Whether the stamp of a topic is that of the header with which its messages begin."""
+    first = next(iter(kind.get_fields_and_field_types().items()), None)
+    return source.stamp is not None and source.stamp.text == "header.stamp" and first == ("header", "std_msgs/Header")

@@ -124,7 +124,10 @@ def test_watch_drops_events_of_a_time_that_has_been_left(bench: Bench) -> None:
 @pytest.mark.parametrize("kind", [ControllerNode, MixerNode, PlantNode, PilotNode, RecorderNode])
 def test_who_acts_asks_for_nothing_that_is_past(bench: Bench, kind: type[Node], tmp_path: Path) -> None:
     """A law that begins must not take an alarm of the last flight for one of now."""
-    given = {ControllerNode: {"sample_rate": 50.0}, PlantNode: {"autostart": False}}
-    node = bench.add(kind, **({"out": str(tmp_path / "bag")} if kind is RecorderNode else given.get(kind, {})))
+    given: dict[type[Node], dict[str, Any]] = {
+        PlantNode: {"autostart": False},
+        RecorderNode: {"out": str(tmp_path / "bag")},
+    }
+    node = bench.add(kind, **given.get(kind, {}))
     asked = {s.topic_name: s.qos_profile.durability for s in node.subscriptions}
     assert asked and set(asked.values()) == {QoSDurabilityPolicy.VOLATILE}

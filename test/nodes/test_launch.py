@@ -72,6 +72,13 @@ def test_the_shipped_parameter_files_of_a_start_fit_together(bench: Bench, input
     bench.adopt(identifier.IdentifierNode(context=bench.context, cli_args=arguments))
 
 
+@pytest.mark.parametrize("inputs", ["", "odometry_jointstate"])
+def test_a_recorder_is_given_what_the_identifier_is_given_for_its_bag_to_replay(inputs: str) -> None:
+    nodes = {one["name"]: one for one in started(LAUNCH / "identifier.launch.py", inputs=inputs, record="flight")}
+    files = [given for given in nodes["identifier"]["parameters"] if isinstance(given, str)]
+    assert files and nodes["recorder"]["parameters"] == [*files, {"out": "flight"}]
+
+
 def test_the_noise_that_is_offered_is_what_the_plant_takes() -> None:
     module, _ = description(LAUNCH / "closed_loop.launch.py")
     _, _, offered = module.ARGUMENTS["noise"][1].partition(": ")
@@ -105,7 +112,7 @@ def test_a_law_puts_a_controller_between_pilot_and_plant() -> None:
     nodes = {one["name"]: one for one in started(LAUNCH / "closed_loop.launch.py", law="auto", record="flight")}
     assert nodes["controller"]["parameters"][0]["law"] == "auto"
     assert nodes["pilot"]["parameters"][0]["ask"] is True
-    assert {"pilot_command", "control_status"} < set(nodes["recorder"]["parameters"][0]["topics"])
+    assert {"pilot_command", "control_status"} < set(nodes["recorder"]["parameters"][-1]["topics"])
     assert "controller" not in {one["name"] for one in started(LAUNCH / "closed_loop.launch.py")}
 
 

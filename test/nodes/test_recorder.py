@@ -3,11 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
-from msls_msgs.msg import StateSample
+import yaml
+from geometry_msgs.msg import Twist
+from msls_msgs.msg import LinearModel, StateSample
+from nodes.test_mapped_inputs import FILE, decoded, flight_messages
+from sensor_msgs.msg import Imu
 
-from msls_ros.bags import read
+from msls_ros.bags import BagMessage, BagReader, read
+from msls_ros.commands import replay
+from msls_ros.inputs.profiles import config_folder, read_inputs, read_profile
+from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.parameters import NodeError
 from msls_ros.nodes.recorder import RecorderNode
 from msls_ros.testing import Bench
 
@@ -37,3 +46,97 @@ def test_a_raw_message_that_is_too_short_is_refused_and_counted(what: str, bench
     bench.remove(recorder)
     bag = read(tmp_path / "bag")
     assert [m.stamp_ns for m in bag] == [5_000_000_000] and bag.warnings == []
+
+
+TOPICS = ("/odom", "/imu/data", "/joint_states")
+
+
+def stack(folder: Path, changes: dict[str, Any], **inputs: Any) -> Path:
+    """Write the shipped map of odometry, IMU and joints with some entries changed."""
+    content = yaml.safe_load(Path(FILE).read_text())
+    section = content["/**"]["ros__parameters"]
+    section |= changes
+    for name, value in inputs.items():
+        section["inputs"][name] = section["inputs"][name] | value if isinstance(value, dict) else value
+    path = folder / "my_stack.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def made(bench: Bench, kind: type[Any], file: Path, *arguments: str) -> Any:
+    given = ["--ros-args", "--params-file", str(file), *arguments]
+    return bench.adopt(kind(context=bench.context, cli_args=given))
+
+
+def models_of(bag: BagReader) -> list[tuple[int, bytes, bytes]]:
+    found = [bag.decode(m) for m in bag if m.topic.endswith("/model")]
+    return [(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, m.a.tobytes(), m.b.tobytes()) for m in found]
+
+
+@pytest.mark.parametrize("remapped", [False, True], ids=["", "remapped"])
+def test_a_mapped_flight_is_recorded_and_replays_by_itself_to_the_bits_of_the_flight(
+    bench: Bench, tmp_path: Path, capfd: pytest.CaptureFixture[str], remapped: bool
+) -> None:
+    file = stack(tmp_path, {"queue": 5.0, "sample_rate": 100.0})
+    moved = {"/imu/data": "/robot/imu"} if remapped else {}
+    rules = [word for old, new in moved.items() for word in ("-r", f"{old}:={new}")]
+    recorder = made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}", *rules)
+    made(bench, IdentifierNode, file, *rules)
+    models = bench.listen(LinearModel, "model")
+    taken: list[str] = []
+    keep = recorder._keep
+
+    def counted(topic: str, *rest: Any) -> None:
+        keep(topic, *rest)
+        taken.extend([topic] if topic in TOPICS else [])
+
+    recorder._keep = counted
+    flight = flight_messages(50)
+    for number, (topic, message) in enumerate(flight, 1):
+        bench.publish(moved.get(topic, topic), message)
+        bench.expect(taken, number, "the message in the bag")
+    bench.expect(models, 22)
+    bench.spin_until(lambda: recorder.counts["model"] >= len(models), "the models in the bag")
+    bench.remove(recorder)
+    assert not recorder.refused and "does not exist" not in capfd.readouterr().err
+    assert read_profile(tmp_path / "bag/identifier.yaml") == read_profile(file)
+    assert replay.main([str(tmp_path / "bag"), "--out", str(tmp_path / "out"), "--anyway"]) == 0
+    again = models_of(BagReader(tmp_path / "out" / "bag"))
+    assert again == decoded(models) == models_of(BagReader(tmp_path / "bag")) and len(again) == 22
+
+
+def test_stamps_of_a_mapped_topic_are_those_that_the_identifier_takes(bench: Bench, tmp_path: Path) -> None:
+    """Of messages without a header it is their arrival; a header need not be where the stamp is read."""
+    topics = {"odometry": "/velocity geometry_msgs/msg/Twist stamp=arrival", "imu": "/imu/data sensor_msgs/msg/Imu"}
+    topics["imu"] += " stamp=angular_velocity.x unit=ms"
+    file = stack(tmp_path, {}, topics=topics)
+    recorder = made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}")
+    before = bench.probe.get_clock().now().nanoseconds
+    bench.publish("/velocity", Twist())
+    imu = Imu()
+    for stamp in (1500.0, -1.0, float("nan")):
+        imu.angular_velocity.x = stamp
+        bench.publish("/imu/data", imu)
+    bench.spin_until(lambda: recorder.counts.total() == 2 and sum(recorder.refused.values()) == 2, "all")
+    after = bench.probe.get_clock().now().nanoseconds
+    bench.remove(recorder)
+    assert recorder.refused == {"stamp_negative": 1, "not_finite": 1}
+    stamps: dict[str, int] = {m.topic: m.stamp_ns for m in read(tmp_path / "bag") if isinstance(m, BagMessage)}
+    assert stamps["/imu/data"] == 1_500_000_000 and before <= stamps["/velocity"] <= after
+
+
+def test_a_bag_of_samples_replays_by_the_parameters_that_the_recorder_was_given(bench: Bench, tmp_path: Path) -> None:
+    file = config_folder() / "c172x.yaml"
+    bench.remove(made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}"))
+    kept = tmp_path / "bag/identifier.yaml"
+    assert read_profile(kept) == read_profile(file) and read_inputs(kept) is None
+    bench.remove(bench.add(RecorderNode, out=str(tmp_path / "unknown")))
+    assert not (tmp_path / "unknown/identifier.yaml").exists()
+
+
+def test_a_map_that_cannot_be_recorded_leaves_the_bag_that_is_there(bench: Bench, tmp_path: Path) -> None:
+    bench.remove(bench.add(RecorderNode, out=str(tmp_path / "bag")))
+    file = stack(tmp_path, {}, topics={"imu": "/imu/data px4_msgs/msg/Imu"})
+    with pytest.raises(NodeError, match="px4_msgs/msg/Imu is not installed"):
+        made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}", "-p", "overwrite:=true")
+    assert list(read(tmp_path / "bag")) == []
