@@ -14,6 +14,8 @@ from msls_ros.commands.arguments import OneLineParser
 DEFAULT = ("P/ddt", "P/de", "Q/de", "R/dr", "P/P", "Q/w")
 BAR = 31
 """Characters of a bar, odd: zero is in the middle."""
+MOMENT = 2.0
+"""After which it is said what is waited for [s]."""
 SIGMAS = 1.96
 """Half of a 95 % band, in standard errors."""
 LEVELS = {0: "off", 1: "nominal", 2: "boosted", 3: "inhibited"}
@@ -26,7 +28,11 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument("--namespace", default="", help="of the identifier")
     result.add_argument("--node", default="identifier", help="name of the identifier (default: identifier)")
     result.add_argument("--rate", type=float, default=4.0, help="refreshes per second (default: 4)")
-    result.add_argument("--once", action="store_true", help="print one view when a model has come, and end")
+    result.add_argument(
+        "--once",
+        action="store_true",
+        help="print one view when a model has come, and end; until then say what is missing",
+    )
     return result
 
 
@@ -63,8 +69,12 @@ def _show(node: Any, parameters: Sequence[str], period: float, once: bool) -> No
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     if once:
+        said, due = "", time.monotonic() + MOMENT
         while node.model is None:
             executor.spin_once(timeout_sec=0.5)
+            if time.monotonic() >= due and node.model is None and node.waiting() != said:
+                said = node.waiting()
+                print(f"watch: {said}", file=sys.stderr, flush=True)
         Console().print(render(node, parameters, node.rates()))
         return
     with Live(render(node, parameters, node.rates()), auto_refresh=False) as live:
@@ -82,7 +92,7 @@ def render(seen: Any, parameters: Sequence[str], rates: Mapping[str, float]) -> 
     Parameters
     ----------
     seen
-        With ``model``, ``dither``, ``status`` (None: not heard yet) and ``events``, as `WatchNode`.
+        With ``model``, ``dither``, ``status`` (None: not heard yet), ``events`` and ``waiting``, as `WatchNode`.
     parameters
         ROW/COLUMN each.
     rates
@@ -94,6 +104,8 @@ def render(seen: Any, parameters: Sequence[str], rates: Mapping[str, float]) -> 
     status = "no diagnostics yet" if seen.status is None else seen.status.message
     heard = ", ".join(f"{topic} {rate:.1f} Hz" for topic, rate in rates.items())
     lines = [Text(f"{status}   {heard}", style="bold"), _table(seen.model, parameters), Text(_dither(seen.dither))]
+    if seen.model is None:
+        lines.append(Text(seen.waiting()))
     lines += [Text(f"{_time(e):10.3f} s  {e.description}", style="red") for e in seen.events]
     return Group(*lines)
 

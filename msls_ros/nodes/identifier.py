@@ -30,9 +30,10 @@ from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
+from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
-from msls_ros.nodes.monitoring import Monitor, awaited, judged, told
+from msls_ros.nodes.monitoring import Monitor, judged, told
 from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
     NodeError,

@@ -8,9 +8,11 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from msls_msgs.msg import DitherCommand, FaultEvent, LinearModel
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from msls_ros.messages import stamp_of
+from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.quality import latched, reliable
 from msls_ros.nodes.refusals import TIME_JUMP
 
@@ -41,14 +43,22 @@ class WatchNode(Node):
         namespace = self.get_namespace().rstrip("/")
         self._prefix = f"{namespace}/{identifier}:"
         quality = reliable(10)
-        self.create_subscription(LinearModel, "model", self._on_model, quality)
+        self._models = self.create_subscription(LinearModel, "model", self._on_model, quality)
         self.create_subscription(DitherCommand, "dither", self._on_dither, quality)
         self.create_subscription(FaultEvent, "fault", self._on_fault, quality)
         self.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, quality)
         # What was found before; subscriptions of their own, as publishers that are volatile (a bag that is played)
-        # match none that asks for it.
-        self.create_subscription(LinearModel, "model", self._on_latched_model, latched(1))
-        self.create_subscription(FaultEvent, "fault", self._on_fault, latched(10))
+        # match none that asks for it, which need not be warned of here.
+        quiet = SubscriptionEventCallbacks(use_default_callbacks=False)
+        self.create_subscription(LinearModel, "model", self._on_latched_model, latched(1), event_callbacks=quiet)
+        self.create_subscription(FaultEvent, "fault", self._on_fault, latched(10), event_callbacks=quiet)
+
+    def waiting(self) -> str:
+        """Say why no model has come: what the topic lacks, and what the identifier says of itself."""
+        text = f"waiting for a model: {awaited(self, 'model', self._models, self._counts['model'])}"
+        name = self._prefix[:-1]
+        own = f"no diagnostics of {name}" if self.status is None else f"{name} says: {self.status.message}"
+        return f"{text}; {own}"
 
     def rates(self) -> dict[str, float]:
         """Return the rates of the topics since the last call [Hz]."""

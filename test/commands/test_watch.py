@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import io
+import os
+import subprocess
+import sys
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from msls_msgs.msg import LinearModel
 from rich.console import Console
 
 from msls_ros import messages
 from msls_ros.commands import watch
 from msls_ros.estimation import Configuration, EventKind, FaultEvent, Identifier
+from msls_ros.nodes.quality import INPUT
 from msls_ros.nodes.watching import WatchNode
 from msls_ros.testing import Bench
 
@@ -24,8 +29,8 @@ def shown(seen: Any, *parameters: str) -> str:
 
 
 def test_nothing_heard_yet_is_said() -> None:
-    text = shown(SimpleNamespace(model=None, dither=None, status=None, events=[]), "P/ddt")
-    assert "no diagnostics yet" in text and "no model yet" in text and "dither: none yet" in text
+    text = shown(SimpleNamespace(model=None, dither=None, status=None, events=[], waiting=lambda: "as it is"), "P/ddt")
+    assert "as it is" in text and "no diagnostics yet" in text and "no model yet" in text and "dither: none yet" in text
 
 
 def test_parameters_dither_events_and_rates_are_shown(bench: Bench) -> None:
@@ -60,3 +65,23 @@ def test_a_bar_holds_value_and_band(value: float, std: float) -> None:
 def test_wrong_usage_is_one_line_and_exit_code_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     assert watch.main(arguments) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+def test_once_says_what_it_waits_for_and_ends_with_the_first_model(bench: Bench) -> None:
+    """First nobody publishes; then somebody does, who has said nothing; then a model comes."""
+    code = "import sys; from msls_ros.commands.watch import main; sys.exit(main(['--once', 'P/ddt']))"
+    given: dict[str, Any] = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    environment = {**os.environ, "ROS_DOMAIN_ID": str(bench.domain)}
+    process = subprocess.Popen([sys.executable, "-c", code], env=environment, **given)
+    try:
+        assert process.stderr is not None
+        text = process.stderr.readline()
+        assert text == "watch: waiting for a model: /model: no publisher; no diagnostics of /identifier\n"
+        publisher = bench.probe.create_publisher(LinearModel, "model", INPUT)
+        assert "/model: 1 publisher, no message yet" in process.stderr.readline()
+        bench.spin_until(publisher.get_subscription_count, "the view")
+        publisher.publish(messages.model_message(10**9, Identifier(Configuration()).estimate(1.0, np.zeros(9))))
+        out, rest = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert process.returncode == 0 and "P/ddt" in out and rest == ""

@@ -429,7 +429,7 @@ def test_of_an_input_that_does_not_come_it_is_said_why(bench: Bench, capfd: pyte
     says(f"{type_}; /effectors: {quality}")
     stack.destroy_publisher(wrong)
     stack.create_publisher(EffectorSample, "/effectors", INPUT)
-    says(f"{type_}; /effectors: 1 publishers, no message yet")
+    says(f"{type_}; /effectors: 1 publisher, no message yet")
     bench.publish("effectors", messages.effector_message(STEP, EFFECTORS, DELTA[0]))
     says(f"{type_}; /effectors: 1 messages")
     stack.destroy_node()
