@@ -33,7 +33,7 @@ from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
-from msls_ros.nodes.monitoring import Monitor, judged, told
+from msls_ros.nodes.monitoring import Arrivals, Monitor, Pause, judged, told
 from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
     NodeError,
@@ -236,7 +236,7 @@ class IdentifierNode(LifecycleNode):
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
-        self._held = self._held_at = 0
+        self._held, self._arrivals = 0, Arrivals()
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
         self._pace, self._sample_rate = "", configuration.sample_rate
         return self._identifier
@@ -266,7 +266,8 @@ class IdentifierNode(LifecycleNode):
             self._refuse(Refused("field", str(error)))
             return
         if self._adapter.held != self._held:
-            self._held, self._held_at = self._adapter.held, self._steady()
+            self._held = self._adapter.held
+            self._arrivals.held = self._steady() if self._held else 0
         slowest, rate = self._adapter.pace
         if slowest != self._pace:
             self._pace = slowest
@@ -317,7 +318,7 @@ class IdentifierNode(LifecycleNode):
         if self._old(sample):
             self._monitor.old += 1
         else:
-            self._stale, self._arrived = False, self._steady()
+            self._stale, self._arrivals.fresh = False, self._steady()
             self._watch.reset()
             self._outputs.dither(sample.stamp, dither)
         for event in self._identifier.take_events():
@@ -349,6 +350,7 @@ class IdentifierNode(LifecycleNode):
         self._monitor.backlog = max(round(age * c.sample_rate), 0)
         if age <= c.dither.stale_after:
             return False
+        self._arrivals.late = self._steady()
         text = f"samples are {age:.2f} s old, more than {c.dither.stale_after:g} s: learnt from, but no dither for them"
         self.get_logger().warning(text, throttle_duration_sec=1.0)
         return True
@@ -357,17 +359,15 @@ class IdentifierNode(LifecycleNode):
         """Set the dither to zero when the samples have stopped, or rows are held while others still come."""
         if self._stale or self._identifier is None or self._p["lockstep"]:
             return
-        now = self._steady()
-        age = (now - self._arrived) * 1e-9
-        limit = self._identifier.configuration.dither.stale_after
-        if age > limit:
-            coming = self._held > 0 and 2 * (self._held_at - self._arrived) > now - self._arrived
-            reason = f"no sample for {age:.2f} s, more than {limit:g} s"
-            if coming:
-                reason = f"samples held for {age:.2f} s, more than {limit:g} s, as a number may be a spike"
-            text = f"{reason}: the dither {'pauses' if coming else 'is zero'}"
-            self.get_logger().warning(text, throttle_duration_sec=1.0)
-            self._inhibit(reason)
+        pause = self._pause()
+        if pause is not None:
+            self.get_logger().warning(pause.message, throttle_duration_sec=1.0)
+            self._inhibit(pause.reason)
+
+    def _pause(self) -> Pause | None:
+        """Return why there is no fresh sample; None: there is."""
+        assert self._identifier is not None
+        return self._arrivals.pause(self._steady(), self._identifier.configuration.dither.stale_after, self._monitor)
 
     def _say_what_is_missing(self) -> None:
         """Say what is waited for while no sample has come."""
@@ -458,11 +458,12 @@ class IdentifierNode(LifecycleNode):
 
     def _health(self) -> Health:
         assert self._identifier is not None
-        level, message = judged(self._identifier, self._rate, self._active, self._stale)
+        pause = self._pause() if self._stale else None
+        level, message = judged(self._identifier, self._rate, self._active, pause)
         if self._active and self._sample is None:
             message = self._waiting()
         values = {
-            **told(self._identifier, self._synchronizer, self._stale),
+            **told(self._identifier, self._synchronizer, pause),
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
             **self._monitor.report(),
         }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
+from typing import NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -77,6 +78,13 @@ class Monitor:
         """Take note of how long a sample took."""
         self._took.append(nanoseconds)
 
+    def silent(self, now: int, since: int) -> str:
+        """Say on which inputs nothing has come for most of the time between two instants of the steady clock [ns]."""
+        quiet = {topic: now - t.last for topic, t in self.traffic.items() if 2 * (now - t.last) > now - since}
+        if not quiet:
+            return "messages come on all inputs, but make no sample: see what is refused"
+        return f"nothing on {' and '.join(f'{topic} for {age * 1e-9:.2f} s' for topic, age in quiet.items())}"
+
     def report(self) -> dict[str, object]:
         """Return all of it for /diagnostics."""
         values: dict[str, object] = {}
@@ -96,18 +104,66 @@ class Monitor:
         return values
 
 
-def told(identifier: Identifier, gate: Synchronizer, stale: bool) -> dict[str, object]:
+class Pause(NamedTuple):
+    """Why there is no fresh sample."""
+
+    reason: str
+    """As the zero dither says it."""
+    message: str
+    """The same for /diagnostics and the log, with what follows of it."""
+    coming: bool
+    """Samples come, but are held or late."""
+
+
+class Arrivals:
+    """When samples came that could be answered by a dither, and when those that could not."""
+
+    def __init__(self) -> None:
+        """Know of no sample yet; see the class."""
+        self.fresh: int | None = None
+        """The last fresh one [ns]."""
+        self.held = self.late = 0
+        """When the last one came that is held as it may be a spike, and the last that was too old [ns]."""
+
+    def pause(self, now: int, limit: float, monitor: Monitor) -> Pause | None:
+        """Return why no fresh sample has come for longer than a limit [s]; None: one has.
+
+        Parameters
+        ----------
+        now
+            The steady clock [ns].
+        limit
+            `dither.stale_after`.
+        monitor
+            Of the inputs.
+        """
+        since = self.fresh or 0
+        age = (now - since) * 1e-9 if self.fresh is not None else 0.0
+        if self.fresh is not None and age <= limit:
+            return None
+        more = f"more than {limit:g} s"
+        if 2 * (self.held - since) > now - since:
+            reason = f"samples held for {age:.2f} s, {more}, as a number may be a spike"
+            return Pause(reason, f"{reason}: the dither pauses", True)
+        if 2 * (self.late - since) > now - since:
+            reason = f"samples come {monitor.age:.2f} s late, {more}"
+            return Pause(reason, f"{reason}: learnt from, but the dither is zero", True)
+        message = f"no samples for {age:.2f} s ({monitor.silent(now, since)}): the dither is zero"
+        return Pause(f"no sample for {age:.2f} s, {more}", message, False)
+
+
+def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None) -> dict[str, object]:
     """Return what an identifier has to tell in /diagnostics.
 
     Parameters
     ----------
     identifier, gate
         With their counts.
-    stale
-        Whether the samples have stopped.
+    pause
+        Why there is no fresh sample; None: there is.
     """
     dither = identifier.last_dither
-    why = "inhibited: no fresh samples" if stale else f"{dither.level.name.lower()}: {dither.reason}"
+    why = f"inhibited: {pause.reason}" if pause else f"{dither.level.name.lower()}: {dither.reason}"
     return {
         "samples": gate.paired,
         "alarms": identifier.alarms,
@@ -125,12 +181,12 @@ def told(identifier: Identifier, gate: Synchronizer, stale: bool) -> dict[str, o
     }
 
 
-def judged(identifier: Identifier, rate: RateWatch, active: bool, stale: bool) -> tuple[bytes, str]:
+def judged(identifier: Identifier, rate: RateWatch, active: bool, pause: Pause | None) -> tuple[bytes, str]:
     """Return level and message of an identifier's health; arguments as for `told`."""
     if not active:
         return DiagnosticStatus.OK, "inactive"
-    if stale:
-        return DiagnosticStatus.STALE, "no samples: the dither is zero"
+    if pause:
+        return DiagnosticStatus.WARN if pause.coming else DiagnosticStatus.STALE, pause.message
     if rate.deviates:
         return DiagnosticStatus.WARN, rate.sentence
     if not identifier.enabled:

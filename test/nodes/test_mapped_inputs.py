@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
 from inputs import mapped_messages as made
 from inputs.mapped_messages import rigid_flight
 from msls_msgs.msg import DitherCommand, LinearModel
@@ -144,17 +145,49 @@ def test_a_pause_while_rows_are_held_is_not_blamed_on_the_link(
             message.position = [one + 3.0 for one in message.position]
         bench.publish(topic, message)
         bench.expect(taken, number)
-        if node._adapter.held and (not coming or clock.nanoseconds > node._arrived + 105_000_000):
+        if node._adapter.held and (not coming or clock.nanoseconds > (node._arrivals.fresh or 0) + 105_000_000):
             break
     assert node._adapter.held == (5 if coming else 1)
     if not coming:
-        clock.nanoseconds = node._arrived + 110_000_000
+        clock.nanoseconds = (node._arrivals.fresh or 0) + 110_000_000
     node._watch_inputs()
     bench.spin_until(lambda: dithers and dithers[-1].level == DitherCommand.LEVEL_INHIBITED, "the zero dither")
     reason = ("no sample for", "samples held for")[coming] + " 0.11 s, more than 0.1 s"
-    said, end = (f"{reason}, as a number may be a spike", "pauses") if coming else (reason, "is zero")
-    assert dithers[-1].reason == said
-    assert f"{said}: the dither {end}" in capfd.readouterr().err
+    held = f"{reason}, as a number may be a spike"
+    silent = " and ".join(f"{topic} for 0.09 s" for topic in ("/odom", "/imu/data", "/joint_states"))
+    lost = f"no samples for 0.11 s (nothing on {silent}): the dither is zero"
+    said = f"{held}: the dither pauses" if coming else lost
+    assert dithers[-1].reason == (held if coming else reason)
+    assert said in capfd.readouterr().err
+    health = node._health()
+    assert (health.message, health.values["dither"]) == (said, f"inhibited: {held if coming else reason}")
+    assert health.level == (DiagnosticStatus.WARN if coming else DiagnosticStatus.STALE)
+
+
+@pytest.mark.parametrize("dead", ["/odom", "/joint_states", "the link", "nothing"])
+def test_a_pause_names_the_topic_that_is_silent(bench: Bench, dead: str) -> None:
+    node, clock = make(bench), Clockwork()
+    node._steady = clock
+    taken, dithers = count_messages(node), bench.listen(DitherCommand, "dither")
+    for topic, message in flight_messages(120):
+        clock.nanoseconds += 10_000_000 if isinstance(message, Imu) else 0
+        late = clock.nanoseconds > 600_000_000
+        if late and dead == "the link":
+            break
+        if late and dead == "nothing":
+            message.header.stamp.sec, message.header.stamp.nanosec = 0, 1  # goes back: all are refused
+        if not (late and topic == dead):
+            count = len(taken)
+            bench.publish(topic, message)
+            bench.expect(taken, count + 1)
+    clock.nanoseconds += 60_000_000 if dead != "the link" else 200_000_000
+    assert node._sample is not None and dithers
+    node._watch_inputs()
+    said = node._health().message
+    names = {topic for topic in ("/odom", "/imu/data", "/joint_states") if topic in said}
+    expected = {"the link": {"/odom", "/imu/data", "/joint_states"}, "nothing": set[str]()}
+    assert said.startswith("no samples for") and names == expected.get(dead, {dead}), said
+    assert dead != "nothing" or "make no sample: see what is refused" in said
 
 
 def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) -> None:

@@ -11,7 +11,7 @@ import pytest
 import yaml
 from msls_msgs.msg import DitherCommand, LinearModel
 from msls_msgs.srv import InjectFault
-from nodes.made_up import linear_samples
+from nodes.made_up import Clockwork, linear_samples
 from nodes.tower import STEP, Tower
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.lifecycle import TransitionCallbackReturn
@@ -77,17 +77,22 @@ def test_with_a_clock_that_has_stopped_the_dither_is_zeroed_all_the_same(bench: 
 def test_samples_older_than_stale_after_are_learnt_from_but_get_no_dither(
     bench: Bench, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    source = Source(bench, dither__stale_after=5.0)
+    source, clock = Source(bench, dither__stale_after=5.0), Clockwork()
+    source.node._steady = clock
     source.send(time.time_ns() - 500_000_000)
     bench.expect(source.dither, 1)
     now = time.time_ns()
     source.send(now - 400_000_000)
     bench.expect(source.dither, 2)
     assert source.node.set_parameters([Parameter("dither.stale_after", value=0.1)])[0].successful
+    clock.nanoseconds += 150_000_000
     source.send(*(now - 300_000_000 + k for k in range(3)))
     bench.expect(source.model, 5, "models of all samples")
     assert sum(level != DitherCommand.LEVEL_INHIBITED for level in levels(source.dither)) == 2
     assert source.node._monitor.old == 3
+    source.node._watch_inputs()
+    assert source.node._health().message.startswith("samples come 0.")
+    assert "late, more than 0.1 s: learnt from, but the dither is zero" in source.node._health().message
     told = capfd.readouterr().err
     assert told.count("learnt from, but no dither") == 1, "throttled"
 
