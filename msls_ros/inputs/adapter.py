@@ -38,6 +38,7 @@ from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
 from msls_ros.inputs.pacing import Pacer
+from msls_ros.inputs.slow_topics import SlowTopics
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
 
@@ -140,6 +141,7 @@ class InputAdapter:
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
         self._pacer = Pacer(streams, sample_rate, slowest)
+        self.slow = SlowTopics(streams, [inputs.topics[s.source].topic for s in streams], sample_rate)
         self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
@@ -174,6 +176,15 @@ class InputAdapter:
         """Which stream that is slower than the clock sets the pace of the rows, and at what rate [Hz]; empty: none."""
         pacer = self._pacer
         return (self._streams[pacer.pacer].track.name, 1.0 / pacer.period) if pacer.pacer >= 0 else ("", 0.0)
+
+    @property
+    def too_slow(self) -> dict[str, str]:
+        """A sentence for each topic that comes too seldom for the rate of the samples."""
+        return self.slow.found(self._pacer.pacer)
+
+    def newly_slow(self) -> list[str]:
+        """Return the sentences of topics that have become too slow since the last call."""
+        return self.slow.news(self._pacer.pacer)
 
     @property
     def waiting(self) -> bool:
@@ -237,7 +248,9 @@ class InputAdapter:
             instant = stamp - source.delay
             if self._pacer.tick(instant):
                 self._aligner.tick(instant)
-        return [row for t, values in self._aligner.ready() for row in self._rows(t, values)]
+        ready = self._aligner.ready()
+        self.slow.made(len(ready), self._pacer.pacer)
+        return [row for t, values in ready for row in self._rows(t, values)]
 
     def check(self, topics: Mapping[str, str]) -> None:
         """Compare with the topics that there are.
@@ -273,6 +286,7 @@ class InputAdapter:
         self._repeated: set[str] = set()
         paced = self._pacer.pacer >= 0
         self._pacer.clear()
+        self.slow.clear()
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
         self._spikes.clear()
@@ -328,6 +342,7 @@ class InputAdapter:
             stamp = (before[0] + stamp) // 2
         instant = stamp - stream.delay
         self._aligner.add(index, instant, values)
+        self.slow.sample(index, instant)
         pacer = self._pacer.pacer
         if self._pacer.sample(index, instant):
             self._aligner.tick(instant)

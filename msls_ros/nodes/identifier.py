@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from diagnostic_msgs.msg import DiagnosticStatus
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
@@ -268,6 +269,8 @@ class IdentifierNode(LifecycleNode):
         if self._adapter.held != self._held:
             self._held = self._adapter.held
             self._arrivals.held = self._steady() if self._held else 0
+        for text in self._adapter.newly_slow():
+            self.get_logger().warning(text)
         slowest, rate = self._adapter.pace
         if slowest != self._pace:
             self._pace = slowest
@@ -467,4 +470,9 @@ class IdentifierNode(LifecycleNode):
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
             **self._monitor.report(),
         }
+        if self._adapter is not None:
+            slow = self._adapter.too_slow
+            values |= {f"{topic}: too slow [samples]": n for topic, n in self._adapter.slow.samples.items()}
+            level = DiagnosticStatus.WARN if slow and level == DiagnosticStatus.OK else level
+            message = "; ".join([message, *slow.values()])
         return Health(level, message, values)

@@ -190,6 +190,26 @@ def test_a_pause_names_the_topic_that_is_silent(bench: Bench, dead: str) -> None
     assert dead != "nothing" or "make no sample: see what is refused" in said
 
 
+def test_a_topic_that_is_too_slow_for_the_rate_is_named_once_and_its_samples_are_counted(
+    bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """An odometry of 5 Hz, allowed by its age, in a stack of 100 Hz."""
+    node = make(bench, inputs__maximum_age=0.3, lockstep=True)
+    taken = count_messages(node)
+    odometry = 0
+    for topic, message in flight_messages(350):
+        odometry += topic == "/odom"
+        if topic != "/odom" or odometry % 10 == 1:  # one of ten of 50 Hz
+            count = len(taken)
+            bench.publish(topic, message)
+            bench.expect(taken, count + 1)
+    health = node._health()
+    said = "/odom comes at 5 Hz, too slow for sample_rate, 100 Hz: samples wait for its next message"
+    assert said in health.message and health.level == DiagnosticStatus.WARN
+    assert capfd.readouterr().err.count(said) == 1
+    assert 0 < int(str(health.values["/odom: too slow [samples]"])) < node.synchronizer.paired
+
+
 def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) -> None:
     with pytest.raises(EstimationError, match=r"inputs.states.s.*'c' is not a topic"):
         make(bench, inputs__states__s="c s")
