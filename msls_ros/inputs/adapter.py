@@ -137,6 +137,7 @@ class InputAdapter:
             for alias, topic in inputs.topics.items()
         }
         self._topic_inputs = {topic.topic: topic for topic in inputs.topics.values()}
+        self._used = {t for t, read in self._of_topic.items() if read} | {inputs.topics[inputs.clock].topic}
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
@@ -202,7 +203,8 @@ class InputAdapter:
         Parameters
         ----------
         topic
-            A key of `topics`; messages of others are ignored.
+            A key of `topics`; messages of others are ignored, and those of topics that no sample needs: they would
+            have a say in what time it is, and whoever sends the next sample after this one is answered waits for them.
         stamp_ns
             When it arrived or was logged [ns]; used where the mapping says ``stamp=arrival``.
         message
@@ -219,7 +221,7 @@ class InputAdapter:
             If messages of this type do not have a field, or it is no number: names topic, type, path and fields.
         """
         source = self._topic_inputs.get(topic)
-        if source is None:
+        if source is None or topic not in self._used:
             return []
         try:
             passed = self._timeline.take(f"topic {topic}", source.instant(stamp_ns, message), (topic, message))

@@ -93,3 +93,23 @@ def test_a_new_time_of_several_streams_is_confirmed_by_all_or_by_three_in_a_row(
     assert [item for _, _, item in line.take("/a", 50 * SECOND + 2, 7).items] == [4, 5, 6, 7]
     assert line.take("/a", 4, 8) == ([("/a", 4, 8)], False, 50 * SECOND + 2)
     assert line.last == {"/a": 4, "/c": 3} and not refused and not line.waiting
+
+
+@pytest.mark.parametrize("every", [1, 10, 1000], ids=["quick", "slow", "dead"])
+def test_in_lockstep_a_topic_that_no_sample_needs_holds_up_no_new_time(every: int) -> None:
+    """The plant sends the next sample when this one is answered: it would wait for ever where this one waits."""
+    entries = {
+        "clock": "a",
+        "topics": {name[1:]: f"{name} p/msg/A stamp=t unit=ns" for name in NAMES},
+        "velocity": "b v,v,v",
+        "derivatives": dict.fromkeys("uvw", "a v"),
+        "effectors": {"e": "b v"},
+        "airspeed": "c v",  # compared with the velocity by inspect, needed by nothing else
+    }
+    made = InputAdapter(InputMap.from_parameters(entries), ("u", "v", "w"), ("e",), sample_rate=100.0)
+    for k in range(400):
+        t = SECOND + (k % AT) * STEP  # the simulator is reset after AT samples
+        names = NAMES if k == 0 or k % every == every // 2 else NAMES[:2]
+        rows = [row for name in names for row in made.push(name, 0, Message(t=t, v=1.0 + k))]
+        assert [row.stamp for row in rows] == [t, t], k
+    assert made.restarts == 1 and not made.refused
