@@ -28,7 +28,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock as ClockMessage
 
-from msls_ros.bags import BagWriter
+from msls_ros.bags import BagWriter, Qos
 from msls_ros.bags.writer import LAST_STAMP
 from msls_ros.estimation import EstimationError, from_mapping
 from msls_ros.inputs import InputMap, Refused
@@ -62,6 +62,8 @@ PARAMETERS = {
     "overwrite": fixed(False, "replace a bag that exists"),
     "topics": fixed(list(FIXED_LAW), "topics to record; with inputs.*, state and effectors are not", choices=TOPICS),
 }
+LATCHED = ("model", "fault")
+"""Topics that an identifier publishes for who joins later too; who plays the bag does the same."""
 QUALITY = QoSProfile(depth=1000)
 _SMALLEST = 12
 """Bytes of encapsulation and stamp."""
@@ -99,8 +101,9 @@ class RecorderNode(Node):
         """Messages refused, by reason."""
         if kept:
             (Path(p["out"]) / BESIDE_A_BAG).write_text(kept, encoding="utf-8")
+        mapped = {self.resolve_topic_name(source.topic) for source, _ in sources}
         for topic in p["topics"]:
-            if inputs is None or topic not in INPUTS:
+            if not (mapped and topic in INPUTS) and self.resolve_topic_name(topic) not in mapped:
                 self._record(topic, TOPICS[topic], copy(QUALITY))
         for source, kind in sources:
             plain_stamp = _begins_with_stamp(kind, source)
@@ -124,7 +127,7 @@ class RecorderNode(Node):
     def _record(self, topic: str, kind: Any, quality: QoSProfile, source: TopicInput | None = None) -> None:
         """Subscribe to a topic; stamps are those at the beginning of the messages, or where a source says."""
         resolved, msgtype = self.resolve_topic_name(topic), type_of(kind)
-        self._writer.add_topic(resolved, msgtype)
+        self._writer.add_topic(resolved, msgtype, qos=Qos(transient_local=topic in LATCHED))
         take = partial(self._write, topic, resolved, msgtype)
         if source is not None:
             take = partial(self._write_mapped, source, kind, resolved)

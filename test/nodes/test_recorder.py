@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 from geometry_msgs.msg import Twist
-from msls_msgs.msg import LinearModel, StateSample
+from msls_msgs.msg import EffectorCommand, LinearModel, StateSample
 from nodes.test_mapped_inputs import FILE, decoded, flight_messages
 from sensor_msgs.msg import Imu
 
@@ -140,3 +140,29 @@ def test_a_map_that_cannot_be_recorded_leaves_the_bag_that_is_there(bench: Bench
     with pytest.raises(NodeError, match="px4_msgs/msg/Imu is not installed"):
         made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}", "-p", "overwrite:=true")
     assert list(read(tmp_path / "bag")) == []
+
+
+def test_a_command_that_is_mapped_is_recorded_once_and_what_is_latched_is_said_to_be(
+    bench: Bench, tmp_path: Path
+) -> None:
+    command = "/command msls_msgs/msg/EffectorCommand"
+    file = stack(
+        tmp_path, {}, topics={"joints": command}, effectors=dict.fromkeys(("de", "da", "dr"), "joints delta[0]")
+    )
+    recorder = made(bench, RecorderNode, file, "-p", f"out:={tmp_path / 'bag'}")
+    bench.publish("command", EffectorCommand(effectors=["de"], delta=[0.1]))
+    last = LinearModel(samples=1)
+    bench.publish("model", last)
+    bench.spin_until(lambda: recorder.counts["model"] and recorder.counts["/command"], "what was published")
+    bench.remove(recorder)
+    bag = BagReader(tmp_path / "bag")
+    assert [m.topic for m in bag].count("/command") == 1 and not {"/state", "/effectors"} & set(bag.topics)
+    offered = {topic: bag.qos(topic) for topic in ("/model", "/fault", "/dither")}
+    kept = [topic for topic, profiles in offered.items() if profiles and profiles[0]["durability"] == "transient_local"]
+    assert kept == ["/model", "/fault"]
+
+
+def test_a_bag_that_is_replaced_does_not_keep_the_parameters_of_the_old_one(bench: Bench, tmp_path: Path) -> None:
+    bench.remove(made(bench, RecorderNode, config_folder() / "c172x.yaml", "-p", f"out:={tmp_path / 'bag'}"))
+    bench.remove(bench.add(RecorderNode, out=str(tmp_path / "bag"), overwrite=True))
+    assert not (tmp_path / "bag/identifier.yaml").exists()
