@@ -9,9 +9,9 @@ differentiated twice; with R the matrix from forward-right-down to north-east-do
     R' v, less the wind, points ahead                           heading
     the belly points down                                       upright
 
-"axis" is "force" along one axis of the aircraft, where the others hide it. "size" is the logarithm of the ratio of the
-two sides of "force", where they are the same but for it. Where true airspeed and the angles of vanes are mapped, v is
-that of the air, moved from the vanes to the centre of mass.
+"axis" is "force" along one axis of the aircraft, where the others hide it, without gravity, which turns along with it.
+"size" is the logarithm of the ratio of the two sides of "force", where they are the same but for it. Where true airspeed
+and the angles of vanes are mapped, v is that of the air, moved from the vanes to the centre of mass.
 
 The misfit of an equation is ``2 |a - b|^2 / (|a|^2 + |b|^2)``: 0 where both sides agree, 2 where they have nothing to
 do with each other, 4 where the sign is wrong.
@@ -276,11 +276,14 @@ def _force(velocity: Array, pull: Array, width: int, step: float) -> Mapping[str
 
 
 def _along(turn: Array, velocity: Array, pull: Array, step: float) -> Mapping[str, float]:
-    """Return the misfits along the axes of the aircraft that both windows show, the smaller of the two."""
+    """Return the misfits along the axes of the aircraft that both windows show, the smaller of the two.
+
+    Both sides are specific forces: gravity, constant in the frame of the earth, turns with the aircraft along its axes.
+    """
     found: dict[str, list[float]] = {name: [] for name in "XYZ"}
     widths = [max(1, round(w / step)) for w in (_WINDOW, _LONG)]
     for width in widths:
-        change = (velocity[width:] - velocity[:-width]) / (width * step)
+        change = (velocity[width:] - velocity[:-width]) / (width * step) - [0.0, 0.0, GRAVITY]
         middle = turn[width // 2 :][: len(change)]
         sides = [np.einsum("kji,kj->ki", middle, side) for side in (change, windowed(pull, width))]
         a, b = (side - side.mean(axis=0) for side in sides)

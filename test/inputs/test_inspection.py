@@ -55,8 +55,16 @@ def flown() -> Flight:
 
 
 @cache
+def banking(side: float) -> Flight:
+    return replace(rigid_flight(2.0 * SECONDS, side=side, bank=0.12), effectors=NAMES)
+
+
+@cache
 def messages() -> tuple[Message, ...]:
-    flight = flown()
+    return messages_of(flown())
+
+
+def messages_of(flight: Flight) -> tuple[Message, ...]:
     found = list(made.standard(flight))
     for k in range(0, len(flight.x), 2):
         pulses = 1500.0 + np.array([*(flight.delta[k] / 0.00109), 0, 0, 0, 0, 0])
@@ -85,9 +93,12 @@ class Fields:
 
 
 def look(
-    changes: dict[str, Any], change: Callable[[Message], Message | None] = lambda m: m, **parameters: Any
+    changes: dict[str, Any],
+    change: Callable[[Message], Message | None] = lambda m: m,
+    sent: tuple[Message, ...] | None = None,
+    **parameters: Any,
 ) -> list[Finding]:
-    """Inspect the flight with a map that is changed; entries that are None are left out."""
+    """Inspect the flight, or other messages, with a map that is changed; entries that are None are left out."""
     lines = {k: v for k, v in {**LINES, **changes}.items() if v is not None}
     inputs = InputMap.from_parameters(lines)
     effectors = tuple(n[10:] for n in lines if n.startswith("effectors."))
@@ -96,7 +107,7 @@ def look(
     InputAdapter(inputs, configuration.states, configuration.effectors)
     found = list(check_topics(inputs, TOPICS))
     collector = Collector(inputs)
-    for message in messages():
+    for message in sent or messages():
         changed = change(copy.deepcopy(message))
         if changed is not None and TOPICS.get(changed[1]) == inputs_type(inputs, changed[1]):
             collector.take(changed[1], changed[0], Fields(changed[3]))
@@ -381,8 +392,8 @@ def test_a_right_map_has_notes_only(lines: dict[str, Any]) -> None:
     assert any("agree with the motion" in f.what for f in found)
 
 
-@pytest.mark.parametrize("lines", [{}, VANES, OVER_GROUND, EULER])
-def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
+def with_noise() -> Callable[[Message], Message]:
+    """Return what adds the noise of real sensors to messages."""
     random = np.random.default_rng(3)
 
     def noisy(message: Message) -> Message:
@@ -392,7 +403,28 @@ def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
             message = of("/air", name)(lambda x, size=size: x + size * random.standard_normal())(message)  # type: ignore[misc]
         return message
 
-    assert [f for f in look(lines, noisy) if f.level == WRONG] == []
+    return noisy
+
+
+@pytest.mark.parametrize("lines", [{}, VANES, OVER_GROUND, EULER])
+def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
+    assert [f for f in look(lines, with_noise()) if f.level == WRONG] == []
+
+
+@pytest.mark.parametrize("side", [1.0, 0.1, 0.0])
+@pytest.mark.parametrize("noise", [False, True])
+def test_gravity_that_turns_with_a_banking_aircraft_is_no_side_force(side: float, noise: bool) -> None:
+    """An aircraft without a fin, whose accelerometer feels hardly anything to the side, banks all the same."""
+    flight = banking(side)
+    assert np.ptp(flight.x[:, 6]) > 1.0
+    change = with_noise() if noise else lambda message: message
+    assert [f for f in look({}, change, messages_of(flight)) if f.kind == "motion" and f.level != NOTE] == []
+
+
+def test_a_side_force_of_the_wrong_sign_is_found_in_banks_too() -> None:
+    wrong = {"specific_force": "imu linear_acceleration frame=flu scale=1,-1,1"}
+    found = [f for f in look(wrong, sent=messages_of(banking(1.0))) if f.kind == "motion"]
+    assert [f.level for f in found] == [WRONG] and "scale=1,-1,1" in found[0].change
 
 
 def test_the_speed_of_flight_is_that_in_the_air_where_a_log_begins_and_ends_at_rest() -> None:
