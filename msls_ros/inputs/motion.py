@@ -10,8 +10,8 @@ differentiated twice; with R the matrix from forward-right-down to north-east-do
     the belly points down                                       upright
 
 "axis" is "force" along one axis of the aircraft, where the others hide it, without gravity, which turns along with it.
-"size" is the logarithm of the ratio of the two sides of "force", where they are the same but for it. Where true airspeed
-and the angles of vanes are mapped, v is that of the air, moved from the vanes to the centre of mass.
+"size" is the logarithm of the ratio of the two sides of "force", where they are the same but for it. Where true
+airspeed and the angles of vanes are mapped, v is that of the air, moved from the vanes to the centre of mass.
 
 The misfit of an equation is ``2 |a - b|^2 / (|a|^2 + |b|^2)``: 0 where both sides agree, 2 where they have nothing to
 do with each other, 4 where the sign is wrong.
