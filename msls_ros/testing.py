@@ -11,8 +11,8 @@ Start the identifier node, feed it samples, wait for what it says::
             model = identifier.await_models(len(time))[-1]
             assert not identifier.events
 
-Nothing sleeps: what is waited for is awaited with a time-out (`PATIENCE`), and the executor spins meanwhile. Any other
-node of yours goes on the same bench with `Bench.add`. See ``docs/pytest.md``.
+Nothing sleeps: what is waited for is awaited with a time-out (``Bench(patience=)``, `PATIENCE`), and the executor spins
+meanwhile. Any other node of yours goes on the same bench with `Bench.add`. See ``docs/pytest.md``.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ import os
 import socket
 import time
 from collections.abc import Callable
+from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
 
@@ -47,7 +48,10 @@ from msls_ros.nodes.quality import INPUT
 __all__ = ["PATIENCE", "WITHOUT_SHARED_MEMORY", "Bench", "IdentifierBench"]
 
 PATIENCE = 300.0
-"""Wall clock after which what was waited for will not come [s]."""
+"""Wall clock after which what was waited for will not come, where a `Bench` has no other [s].
+
+A wait ends with the event, so that only a test that fails takes so long; a first start may compile for minutes.
+"""
 WITHOUT_SHARED_MEMORY = loopback()
 """Environment of tests that kill node processes, of these and of pytest itself, before its first participant.
 
@@ -58,12 +62,18 @@ IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
 SomeNode = TypeVar("SomeNode", bound=Node)
 DOMAINS = range(1, 101)
-"""The DDS domains that benches use."""
+"""The DDS domains that benches use; the ports of those beyond are also given to other programs."""
+_FIRST_PORT, _PORTS = 7400, 250
+"""The UDP ports of domain 0 begin here, and each domain has so many."""
+_SOCKETS = ("/proc/net/udp", "/proc/net/udp6")
 _attempts = itertools.count()
 
 
 def claim_domain() -> tuple[int, socket.socket]:
-    """Return a DDS domain that no other bench on this machine has, and the lock that holds it until it is closed.
+    """Return a DDS domain that nobody on this machine has, and the lock that holds it until it is closed.
+
+    Another bench has the domains that it has locked; a stack that runs here those of its UDP ports, and one that is yet
+    to be started from this environment has ``ROS_DOMAIN_ID``.
 
     Raises
     ------
@@ -78,36 +88,59 @@ def claim_domain() -> tuple[int, socket.socket]:
             lock.bind(f"\0msls_ros_domain_{domain}")
         except OSError:
             lock.close()
-        else:
+            continue
+        if domain not in _live_domains():
             return domain, lock
-    raise RuntimeError(f"all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use by other benches")
+        lock.close()
+    raise RuntimeError(f"all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are in use on this machine")
+
+
+def _live_domains() -> set[int]:
+    """Return the domains of the UDP ports that are bound on this machine, where it says so, and ``ROS_DOMAIN_ID``."""
+    own = os.environ.get("ROS_DOMAIN_ID", "")
+    found = {int(own)} if own.isdecimal() else set()
+    for path in map(Path, _SOCKETS):
+        lines = path.read_text(encoding="ascii").splitlines()[1:] if path.exists() else []
+        ports = (int(line.split()[1].rpartition(":")[2], 16) for line in lines)
+        found |= {(port - _FIRST_PORT) // _PORTS for port in ports}
+    return found
 
 
 class Bench:
     """Nodes in one executor and one context, with a probe that publishes, listens and calls.
 
-    A context manager; everything is destroyed at its end. DDS stays on this machine.
+    A context manager; everything is destroyed at its end. DDS stays on this machine, in a domain that neither another
+    bench nor a stack that runs here has.
+
+    Parameters
+    ----------
+    patience
+        Wall clock after which what was waited for will not come [s]; None: `PATIENCE`.
 
     Attributes
     ----------
     domain
-        The DDS domain.
+        The DDS domain; a process of yours joins the bench by ``ROS_DOMAIN_ID``.
     context, executor
         Of all nodes; spin the executor through `spin_until`.
     nodes
         What is on the bench, the probe first.
+    heard
+        What `listen` returned, by topic as it was given.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, patience: float | None = None) -> None:
         """Make the context and the probe; see the class."""
         if os.environ.get(RANGE) != BY_PROFILE:
             os.environ[RANGE] = "LOCALHOST"
+        self.patience = PATIENCE if patience is None else patience
         self.domain, self._lock = claim_domain()
         self.context = Context()
         rclpy.init(context=self.context, domain_id=self.domain)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.heard: dict[str, list[Any]] = {}
+        self._listening: dict[tuple[str, type[Any]], list[Any]] = {}
         self._publishers: dict[str, Publisher] = {}
         self.probe = self.adopt(Node("probe", context=self.context))
 
@@ -129,6 +162,9 @@ class Bench:
 
     def add(self, kind: type[SomeNode], **parameters: Any) -> SomeNode:
         """Make a node and put it on the bench.
+
+        What it has made when this returns, and the other nodes of the bench have, know each other: the first message
+        of either arrives. What it makes later, and other processes, are awaited by `spin_until`.
 
         Parameters
         ----------
@@ -171,12 +207,12 @@ class Bench:
         Raises
         ------
         AssertionError
-            If it does not within `PATIENCE`; it names ``what``.
+            If it does not within `patience`; it names ``what``.
         """
-        deadline = time.monotonic() + PATIENCE
+        deadline = time.monotonic() + self.patience
         while not condition():
             if time.monotonic() >= deadline:
-                message = f"{what} did not come within {PATIENCE:g} s"
+                message = f"{what} did not come within {self.patience:g} s"
                 raise AssertionError(message)
             self.executor.spin_once(timeout_sec=0.05)
 
@@ -185,9 +221,16 @@ class Bench:
         self.spin_until(lambda: len(heard) >= count, what)
 
     def listen(self, kind: type[Any], topic: str) -> list[Any]:
-        """Return the list that the topic's messages will be in."""
-        heard = self.heard.setdefault(topic, [])
-        self.probe.create_subscription(kind, topic, heard.append, INPUT)
+        """Return the list that the topic's messages will be in, once somebody publishes it.
+
+        Of a topic that is listened to already, as those of an identifier are, the same list.
+        """
+        own = self.probe.resolve_topic_name(topic), kind
+        heard = self._listening.get(own)
+        if heard is None:
+            heard = self._listening[own] = []
+            self.probe.create_subscription(kind, topic, heard.append, INPUT)
+        self.heard[topic] = heard
         self.spin_until(lambda: self.probe.count_publishers(topic) > 0, f"a publisher of {topic}")
         return heard
 
@@ -204,12 +247,12 @@ class Bench:
         """Call a service and return its answer.
 
         An answer is lost where the service has not found the client yet, which nobody is told of: the call is repeated
-        once, after a third of `PATIENCE`.
+        once, after a third of `patience`.
         """
         client = self.probe.create_client(kind, service)
         self.spin_until(client.service_is_ready, service)
         futures = [client.call_async(kind.Request(**request))]
-        again = time.monotonic() + PATIENCE / 3.0
+        again = time.monotonic() + self.patience / 3.0
 
         def answered() -> bool:
             if len(futures) == 1 and time.monotonic() > again:
