@@ -66,6 +66,8 @@ RUN_BY = {
     "./msls replay bags/*/ --jobs 2 --every 10": "test/fleet/test_fleet.py"
     "::test_replay_of_many_bags_gives_the_same_with_two_jobs",
     "./msls python docs/examples/identify_arrays.py": f"{HERE}::test_the_example_with_arrays_finds_b",
+    "./msls python docs/examples/identify_log.py bags/tail_fault": f"{HERE}"
+    "::test_the_example_in_python_finds_what_was_lost_and_the_effect_of_an_own_log",
     "./msls pilot": LIVE,
     "./msls plant --ros-args -p mode:=real_time -p duration:=60.0": LIVE,
     "./msls identifier --ros-args --params-file config/f16.yaml -p use_sim_time:=true": LIVE,
@@ -238,6 +240,16 @@ def test_the_example_with_arrays_finds_b(capsys: pytest.CaptureFixture[str]) -> 
     runpy.run_path(str(EXAMPLES / "identify_arrays.py"))
     numbers = [float(word) for word in re.findall(r"-?\d+\.\d+", capsys.readouterr().out)][::2]
     assert numbers == pytest.approx([12.0, 1.5, -0.6, -5.0], rel=0.02)
+
+
+def test_the_example_in_python_finds_what_was_lost_and_the_effect_of_an_own_log(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["identify_log.py", str(ROOT / "bags" / "tail_fault")])
+    runpy.run_path(str(EXAMPLES / "identify_log.py"))
+    out = capsys.readouterr().out
+    assert "(4.3, 'ISOLATED', 'left_stabilator')" in out
+    assert float(re.findall(r"-?\d+\.\d+", out)[-2]) == pytest.approx(12.0, rel=0.03)
 
 
 def test_the_example_for_pytest_passes() -> None:

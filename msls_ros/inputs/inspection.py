@@ -11,8 +11,9 @@ from msls_ros.inputs.check_motion import check_motion
 from msls_ros.inputs.check_response import check_derivatives, check_response
 from msls_ros.inputs.check_timing import check_clocks, check_fields, check_rates
 from msls_ros.inputs.field_paths import listed
-from msls_ros.inputs.findings import WRONG, Finding, ordered
+from msls_ros.inputs.findings import DOUBTFUL, WRONG, Finding, ordered
 from msls_ros.inputs.input_map import InputMap
+from msls_ros.inputs.profiles import ADD_ATTITUDE, lacks_attitude
 from msls_ros.inputs.series import Record
 
 
@@ -30,6 +31,13 @@ def check_topics(inputs: InputMap, topics: Mapping[str, str]) -> Iterator[Findin
             yield Finding(WRONG, "type", where, what, f"write the type {found}, and its fields below")
 
 
+def check_gravity(configuration: Configuration) -> Iterator[Finding]:
+    """Yield that gravity is identified as effects of the states, for want of an angle among them."""
+    if not configuration.known_gravity and lacks_attitude(configuration.states):
+        what = "false: gravity and the turning of the axes are learnt as effects of the states, which they are not"
+        yield Finding(DOUBTFUL, "gravity", "known_gravity", what, f"true. {ADD_ATTITUDE}")
+
+
 def findings_of(record: Record, configuration: Configuration) -> list[Finding]:
     """Return what the checks find, the worst first.
 
@@ -41,6 +49,7 @@ def findings_of(record: Record, configuration: Configuration) -> list[Finding]:
         Of the identifier that is to use it.
     """
     found = [*check_fields(record), *check_rates(record, configuration), *check_clocks(record)]
+    found += check_gravity(configuration)
     if any(f.kind == "clocks" for f in found):
         return ordered(found)
     sizes = list(check_sizes(record, configuration.reference_speed))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import textwrap
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from copy import deepcopy
 from functools import lru_cache
 from pathlib import Path
@@ -36,6 +36,18 @@ BESIDE_A_BAG = "identifier.yaml"
 """Name of the file, in a bag's folder, of the identifier's parameters in that flight."""
 RENAMED = {"f16_high_alpha": "f16", "f16_cruise": "f16", "A4_25hz": "A4", "c172x_25hz": "c172x"}
 """Shipped profiles as they were called while each condition and rate had one of its own."""
+
+
+ADD_ATTITUDE = (
+    "Better add what is missing of Phi and Theta to the states: a mapped attitude gives both; where bank is not "
+    "measured and the wings stay level, states.Phi: 'ALIAS PATH scale=0', of any number there, takes it as zero"
+)
+"""What to do about velocities without an attitude among the states."""
+
+
+def lacks_attitude(states: Iterable[str]) -> bool:
+    """Return whether there are velocities among the states without the angles that gravity needs."""
+    return bool({"u", "v", "w"} & set(states)) and not {"Phi", "Theta"} <= set(states)
 
 
 def config_folder() -> Path:
@@ -66,10 +78,18 @@ def read_profile(name: str | os.PathLike[str]) -> Configuration:
         For a file that is missing or wrong; the sentence names the file.
     """
     path, section = _load(name)
+    return _configuration(section, f"parameter file '{path}'")
+
+
+def _configuration(section: Mapping[str, Any], name: str) -> Configuration:
     try:
         return from_mapping({k: v for k, v in section.items() if k not in OTHER})
     except EstimationError as error:
-        message = f"parameter file '{path}': {error}"
+        states = section.get("states")
+        advice = ""
+        if isinstance(states, list) and section.get("known_gravity", True) is True and lacks_attitude(states):
+            advice = f". {ADD_ATTITUDE}"
+        message = f"{name}: {error}{advice}"
         raise EstimationError(message) from error
 
 
@@ -120,13 +140,17 @@ def read_parameters(text: str, name: str) -> tuple[Configuration, InputMap | Non
     EstimationError
         As `read_profile`.
     """
-    section = _section_of(text, name)
+    return parameters_of(_section_of(text, name), name)
+
+
+def parameters_of(section: Mapping[str, Any], name: str) -> tuple[Configuration, InputMap | None]:
+    """Take parameters as they stand below ``ros__parameters``; as `read_parameters`."""
     try:
         inputs = InputMap.from_parameters(section["inputs"]) if "inputs" in section else None
-        return from_mapping({k: v for k, v in section.items() if k not in OTHER}), inputs
     except EstimationError as error:
         message = f"{name}: {error}"
         raise EstimationError(message) from error
+    return _configuration(section, name), inputs
 
 
 def profile_path(name: str | os.PathLike[str]) -> Path:

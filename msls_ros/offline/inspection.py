@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -226,8 +226,19 @@ def check_map(log: Path, inspection: Inspection) -> None:
     EstimationError
         With the first finding, and how many there are.
     """
-    wrong = inspection.wrong
+    refuse_wrong(str(log), inspection.findings, "--anyway")
+
+
+def refuse_wrong(name: str, findings: Sequence[Finding], anyway: str) -> None:
+    """Refuse what was found wrong; ``anyway`` is what its user may say to that.
+
+    Raises
+    ------
+    EstimationError
+        With the first finding, and how many there are.
+    """
+    wrong = [f for f in findings if f.level == WRONG]
     if wrong:
         more = f" (and {len(wrong) - 1} more, see ./msls inspect)" if len(wrong) > 1 else ""
-        message = f"{log}: {wrong[0].sentence()}{more}; --anyway uses it as it is"
+        message = f"{name}: {wrong[0].sentence()}{more}; {anyway} uses it as it is"
         raise EstimationError(message)

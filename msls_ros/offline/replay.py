@@ -161,7 +161,7 @@ def replay(
         reasons.setdefault(refused.reason, str(refused))
 
     gate = Synchronizer.of(configuration, note)
-    opened = _open(bag, configuration, options, gate, note)
+    opened = open_source(bag, configuration, options, gate, note)
     with replacing(out) if options.overwrite else nullcontext((out, lambda: None)) as (place, take_place):
         with no_collection():
             result = _write(opened, place, configuration, options, gate, reasons, progress)
@@ -172,7 +172,7 @@ def replay(
     return result
 
 
-class _Opened(NamedTuple):
+class Opened(NamedTuple):
     """A bag to replay."""
 
     reader: AnyReader
@@ -182,7 +182,7 @@ class _Opened(NamedTuple):
 
 
 def _write(
-    opened: _Opened,
+    opened: Opened,
     out: Path,
     configuration: Configuration,
     options: ReplayOptions,
@@ -209,7 +209,7 @@ def _write(
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:
-        warnings.append(f"{reader.path}: not one sample; {_why_none(source.topics, gate, reasons)}")
+        warnings.append(f"{reader.path}: not one sample; {why_none(source.topics, gate, reasons)}")
     if 2 * output.grounded > output.samples:
         c = configuration
         slow = f"slower than {c.flying_speed * c.reference_speed:.3g} m/s, or not seen to climb after it"
@@ -234,7 +234,7 @@ def _write(
     )
 
 
-def _why_none(topics: Sequence[str], gate: Synchronizer, reasons: Mapping[str, str]) -> str:
+def why_none(topics: Sequence[str], gate: Synchronizer, reasons: Mapping[str, str]) -> str:
     """Say why no sample came about: the reason that most messages were refused for, or that no stamps are equal."""
     if not gate.refused:
         return f"{' and '.join(topics)} have no stamp in common"
@@ -242,13 +242,30 @@ def _why_none(topics: Sequence[str], gate: Synchronizer, reasons: Mapping[str, s
     return f"{count} messages refused ({reason}): {reasons.get(reason, 'see ./msls inspect')}"
 
 
-def _open(
+def adapter_of(
+    configuration: Configuration, inputs: InputMap, gate: Synchronizer, note: Callable[[Refused], None]
+) -> InputAdapter:
+    """Return what makes samples of other messages, for a gate."""
+    return InputAdapter(
+        inputs,
+        configuration.states,
+        configuration.effectors,
+        time_jump=configuration.time_jump,
+        reference_speed=configuration.reference_speed,
+        sample_rate=configuration.sample_rate,
+        slowest=slowest_pace(configuration),
+        refused=gate.refused,
+        report=note,
+    )
+
+
+def open_source(
     bag: Path,
     configuration: Configuration,
     options: ReplayOptions,
     gate: Synchronizer,
     note: Callable[[Refused], None] = lambda _: None,
-) -> _Opened:
+) -> Opened:
     """Return the bag's reader, the source of samples in it, and the prefix of the topics."""
     looked = open_any(bag, definition_paths=options.definitions, held=options.held)
     if options.inputs is None:
@@ -256,17 +273,7 @@ def _open(
         source: Source = SampleSource(topics, gate)
         prefix = topics.prefix
     else:
-        adapter = InputAdapter(
-            options.inputs,
-            configuration.states,
-            configuration.effectors,
-            time_jump=configuration.time_jump,
-            reference_speed=configuration.reference_speed,
-            sample_rate=configuration.sample_rate,
-            slowest=slowest_pace(configuration),
-            refused=gate.refused,
-            report=note,
-        )
+        adapter = adapter_of(configuration, options.inputs, gate, note)
         try:
             source = MappedSource(looked, adapter, gate)
         except EstimationError as error:
@@ -277,8 +284,8 @@ def _open(
         if isinstance(looked, LogReader):
             message = f"{bag}: its rows are no messages of ROS: a log cannot be merged into a bag"
             raise BagError(message)
-        return _Opened(looked, source, prefix)
-    return _Opened(looked.only(source.topics), source, prefix)
+        return Opened(looked, source, prefix)
+    return Opened(looked.only(source.topics), source, prefix)
 
 
 class _Beside:
@@ -357,7 +364,7 @@ def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Sync
         If the bag cannot be used at all, or holds not one sample.
     """
     gate = Synchronizer.of(configuration)
-    reader, source, _ = _open(Path(bag), configuration, ReplayOptions(), gate)
+    reader, source, _ = open_source(Path(bag), configuration, ReplayOptions(), gate)
     blocks = [b for batch in ordered_batches(reader, source.topics, source.longest_run) for b in source.segments(batch)]
     blocks += source.rest()
     if not blocks:

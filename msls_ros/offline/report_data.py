@@ -15,7 +15,7 @@ from msls_ros.bags import BagError, open_any
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import items
 from msls_ros.inputs import InputMap
-from msls_ros.inputs.profiles import read_profile
+from msls_ros.inputs.profiles import ADD_ATTITUDE, lacks_attitude, read_profile
 from msls_ros.inputs.series import Collector
 from msls_ros.offline.best import origin_of
 from msls_ros.offline.inspection import MOST, Inspection, inspect
@@ -126,7 +126,13 @@ class _Gathering:
                     f"Not known: no {PARAMETERS} beside the bag. Give --params to compute the detector's statistic."
                 )
             names = [tuple(self.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
-            return fitting(names[0], names[1]), "The identifier's defaults: there is no other configuration."
+            configuration, text = (
+                fitting(names[0], names[1]),
+                "The identifier's defaults: there is no other configuration.",
+            )
+            if not configuration.known_gravity and lacks_attitude(names[0]):
+                text += f" Gravity is not taken off. {ADD_ATTITUDE}."
+            return configuration, text
         return kept, f"{PARAMETERS} beside the bag."
 
     def run(self, progress: Callable[[float], None]) -> Recorded:

@@ -242,7 +242,7 @@ class SampleSource:
         return block, parts[0][count:] + parts[1][count:]
 
     def _one_by_one(self, messages: Sequence[BagMessage]) -> Iterator[PairedBlock]:
-        return _collected(partial(self._offer, message) for message in messages)
+        return collected(partial(self._offer, message) for message in messages)
 
     def _offer(self, message: BagMessage) -> PairedSample | None:
         is_state = message.topic == self._state_topic
@@ -294,7 +294,7 @@ class MappedSource:
 
     def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
         """Yield the samples that a batch completes."""
-        return _collected(self._offers(batch))
+        return collected(self._offers(batch))
 
     def rest(self) -> Iterator[PairedBlock]:
         """Yield nothing: no message waits here."""
@@ -313,7 +313,7 @@ class MappedSource:
                 yield partial(row.offer, self._gate)
 
 
-def _collected(offers: Iterable[Offer]) -> Iterator[PairedBlock]:
+def collected(offers: Iterable[Offer]) -> Iterator[PairedBlock]:
     """Yield what the gate lets pass; one block between two jumps of time."""
     samples: list[PairedSample] = []
     for offer in offers:

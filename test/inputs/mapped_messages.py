@@ -173,17 +173,22 @@ def write_bag(path: Path, sent: Iterator[Sent], definitions: Path) -> Path:
 
 
 def rigid_flight(
-    seconds: float, seed: int = 1, pace: Callable[[float], float] = lambda t: 1.0, side: float = 1.0, bank: float = 0.0
+    seconds: float,
+    seed: int = 1,
+    pace: Callable[[float], float] = lambda t: 1.0,
+    side: float = 1.0,
+    bank: float = 0.0,
+    along: bool = False,
 ) -> Flight:
     """Fly a made-up rigid aircraft of 18 m/s, forces and moments linear and with airspeed, by Runge and Kutta.
 
     Its side force is ``side`` times that of an aircraft with fuselage and fin; a slow aileron of ``bank`` [rad] rolls
-    it to and fro.
+    it to and fro. ``along``: it flies straight on, from no yaw and by the elevator alone.
     """
     random = np.random.default_rng(seed)
     rates = random.uniform(0.3, 3.0, (3, 6)) * 2.0 * math.pi
     phases = random.uniform(0.0, 2.0 * math.pi, (3, 6))
-    trim = TRIM
+    trim = TRIM * (np.arange(9) < 8) if along else TRIM
     rest = -rotation(trim[6:]).T @ np.array([0.0, 0.0, GRAVITY])
     forces = np.diag([-0.1, -0.5 * side, -4.0, 0.0, 0.0, 0.0])[:3]
     moments = np.array([[0, -0.5, 0, -8.0, 0, 1.5], [0, 0, -1.0, 0, -5.0, 0], [0, 0.6, 0, -0.3, 0, -1.5]])
@@ -192,7 +197,8 @@ def rigid_flight(
 
     def deflections(t: float) -> Array:
         slow = np.array([0.0, bank * math.cos(0.4 * math.pi * t), 0.0])
-        return np.asarray(0.02 * np.sin(rates * t + phases).sum(axis=1) * pace(t) + slow)
+        quick = 0.02 * np.sin(rates * t + phases).sum(axis=1) * pace(t)
+        return np.asarray((quick + slow) * [1.0, 0.0, 0.0] if along else quick + slow)
 
     def derivative(t: float, x: Array) -> Array:
         fast = float(np.linalg.norm(x[:3]) / np.linalg.norm(trim[:3]))
