@@ -15,7 +15,7 @@ from msls_ros.report.chart import Marks, chart
 from msls_ros.report.knowledge import Knowledge, SlowChange, gather_knowledge, slow_changes
 from msls_ros.report.page import Head, Section
 from msls_ros.report.parameters import Parameter, quality
-from msls_ros.report.recorded import Models, Recorded, TruthChange
+from msls_ros.report.recorded import Models, Recorded, TruthChange, joined
 from msls_ros.report.style import derivative, number
 from msls_ros.report.verdict import verdict
 
@@ -72,7 +72,7 @@ class _Builder:
             self.slow = slow_changes(self.models, flight.alarms)
             if flight.truth is not None:
                 self.changes = words.find_changes(flight.truth, self.models)
-        alarms, changes = [e.time for e in flight.alarms], [c.time for c in self.changes]
+        alarms, changes = [e.time for e in flight.alarmed_changes], [c.time for c in self.changes]
         self.marks = Marks(flight.span, alarms, changes, [*alarms, *changes])
         self.sections: list[Section] = []
         self.figures: list[charts.Drawn] = []
@@ -194,7 +194,7 @@ class _Builder:
                 f"{e.effector} ×{e.effectiveness:.2f} ± {e.effectiveness_std:.2f}" if e.effector else "",
                 e.description,
             ]
-            for e in self.flight.events
+            for e in joined(self.flight.events)
         ]  # fmt: skip
         heads = ("time [s]", "event", "equations", "statistic / threshold", "effectiveness", "description")
         self._add("events", "Events", page.table(heads, rows, numbers=(0,)))

@@ -7,7 +7,7 @@ equations.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,6 +110,41 @@ class Event:
     effectiveness: float
     effectiveness_std: float
     description: str
+
+
+ONE_CHANGE = 0.5
+"""An alarm of other equations so soon after one, before anything is named or recovered, is of the same change [s]."""
+
+
+def joined(events: Sequence[Event]) -> list[Event]:
+    """Return events with the alarms of one change as one: a change shows in each equation after a time of its own.
+
+    Parameters
+    ----------
+    events
+        In the order of time.
+    """
+    found: list[Event] = []
+    for event in events:
+        first = found[-1] if found else None
+        one = (
+            first is not None
+            and (first.kind, event.kind) == ("detected", "detected")
+            and event.time - first.time <= ONE_CHANGE
+            and not set(first.equations) & set(event.equations)
+        )
+        if first is not None and one:
+            later = f"{', '.join(f'd{name}/dt' for name in event.equations)} {event.time - first.time:.2f} s later"
+            found[-1] = replace(
+                first,
+                equations=first.equations + event.equations,
+                statistic=first.statistic + event.statistic,
+                threshold=first.threshold + event.threshold,
+                description=f"{first.description}; {later}",
+            )
+        else:
+            found.append(event)
+    return found
 
 
 @dataclass(frozen=True)
@@ -247,3 +282,8 @@ class Recorded:
     def alarms(self) -> list[Event]:
         """The events of detection."""
         return [event for event in self.events if event.kind == "detected"]
+
+    @property
+    def alarmed_changes(self) -> list[Event]:
+        """The events of detection, those of one change as one."""
+        return [event for event in joined(self.events) if event.kind == "detected"]

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from msls_ros.report.knowledge import WELL, Knowledge, SlowChange
-from msls_ros.report.recorded import Event, Recorded, TruthChange
+from msls_ros.report.recorded import Event, Recorded, TruthChange, joined
 from msls_ros.report.style import derivative, number
 from msls_ros.report.words import describe_drift, describe_truth, false_alarms, listed
 
@@ -32,7 +32,7 @@ def verdict(
     """
     sentences = []
     if known is not None:
-        sentences = [_what_changed(flight.events, slow), _what_is_known(flight, known)]
+        sentences = [_what_changed(joined(flight.events), slow), _what_is_known(flight, known)]
     else:
         sentences = ["No model: nothing was identified."]
     wrong = [f for f in flight.findings if f.level == "wrong"]

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from msls_ros.report.parameters import Quality
-from msls_ros.report.recorded import Array, Event, Models, Recorded, Truth, TruthChange
+from msls_ros.report.recorded import Array, Event, Models, Recorded, Truth, TruthChange, joined
 from msls_ros.report.style import derivative
 
 ALARM_WINDOW = 1.0
@@ -89,14 +89,15 @@ def describe_drift(truth: Truth, models: Models) -> str:
 
 def false_alarms(flight: Recorded, changes: Sequence[TruthChange]) -> list[Event]:
     """Return the alarms that no true change explains."""
-    return [alarm for alarm in flight.alarms if not any(c.time < alarm.time <= c.time + ALARM_WINDOW for c in changes)]
+    windows = [(c.time, c.time + ALARM_WINDOW) for c in changes]
+    return [e for e in flight.alarmed_changes if not any(begin < e.time <= end for begin, end in windows)]
 
 
 def describe_truth(flight: Recorded, change: TruthChange) -> list[str]:
     """Describe one true change and how the identifier answered it."""
     what = listed(f"{effector} on {derivative(row)} to {ratio:.2f}" for effector, row, ratio in change.effects)
     begin = f"At {change.time:.2f} s the plant itself changed: effectiveness of {what} of its value before"
-    first = next((e for e in flight.alarms if change.time < e.time <= change.time + ALARM_WINDOW), None)
+    first = next((e for e in flight.alarmed_changes if change.time < e.time <= change.time + ALARM_WINDOW), None)
     if first is None:
         return [f"{begin}. This was NOT detected within {ALARM_WINDOW:g} s."]
     found = f"Detected after {first.time - change.time:.2f} s, in {_equations(first.equations)}"
@@ -106,8 +107,9 @@ def describe_truth(flight: Recorded, change: TruthChange) -> list[str]:
 def _followed(flight: Recorded, alarm: Event, since: float) -> list[str]:
     """Describe what followed an alarm, up to its recovery or the next alarm."""
     parts = []
-    later = [event for event in flight.events if event.time >= alarm.time and event is not alarm]
-    for event in later:
+    for event in joined(flight.events):
+        if event.time < alarm.time:
+            continue
         if event.kind == "detected" and event.time > alarm.time:
             break
         if event.kind == "isolated":

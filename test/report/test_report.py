@@ -23,8 +23,8 @@ from msls_ros.commands import report
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.samples import Preparation
-from msls_ros.report.recorded import Models, Truth
-from msls_ros.report.words import describe_drift, find_changes
+from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange, joined
+from msls_ros.report.words import describe_drift, describe_truth, false_alarms, find_changes
 
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
 LARGEST = 3_000_000
@@ -458,3 +458,32 @@ def test_a_slow_change_of_the_plant_is_described_with_its_effectiveness(left: fl
     sentence = describe_drift(truth, models)
     assert ("changed slowly: effectiveness of ddt on dP/dt to 0.50" in sentence) == told
     assert sentence.startswith("From about 4.2 to 7.8 s") == told
+
+
+def event(time: float, kind: str, *equations: str, effector: str = "") -> Event:
+    zeros = (5.0,) * len(equations)
+    return Event(time, kind, equations, zeros, zeros, effector, 0.5, 0.1, f"{kind} at {time:g} s")
+
+
+def test_alarms_of_one_change_in_several_equations_are_one() -> None:
+    """Each equation shows a change after a time of its own; what is named, recovers or alarms again is a new one."""
+    named = event(4.3, "isolated", "P", "R", effector="da")
+    events = [event(4.02, "detected", "P"), event(4.06, "detected", "R"), named, event(4.4, "detected", "Q")]
+    events += [event(5.0, "detected", "Q"), event(5.1, "detected", "w"), event(5.2, "detected", "w")]
+    events += [event(5.8, "detected", "v")]
+    found = joined(events)
+    assert [(e.time, e.kind, e.equations) for e in found] == [
+        (4.02, "detected", ("P", "R")), (4.3, "isolated", ("P", "R")), (4.4, "detected", ("Q",)),
+        (5.0, "detected", ("Q", "w")), (5.2, "detected", ("w",)), (5.8, "detected", ("v",)),
+    ]  # fmt: skip
+    assert found[0].description == "detected at 4.02 s; dR/dt 0.04 s later"
+    assert len(found[0].statistic) == len(found[0].threshold) == 2
+
+
+def test_the_verdict_counts_changes_and_not_their_equations() -> None:
+    events = [event(4.02, "detected", "P"), event(4.06, "detected", "R"), event(4.3, "isolated", "P", effector="da")]
+    flight = Recorded("made/up", "", [], events=events)
+    change = TruthChange(4.0, (("da", "P", 0.5),))
+    (_, answer) = describe_truth(flight, change)
+    assert answer.startswith("Detected after 0.02 s, in dP/dt and dR/dt; isolated to da after 0.30 s")
+    assert [e.time for e in false_alarms(flight, [])] == [4.02]
