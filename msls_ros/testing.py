@@ -28,6 +28,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 import rclpy
+
+from msls_ros import messages  # first of what needs msls_msgs: says what to do where that is not built
+
+# isort: split
 from diagnostic_msgs.msg import DiagnosticArray
 from msls_msgs.msg import DitherCommand, FaultEvent, LinearModel
 from numpy.typing import ArrayLike
@@ -37,7 +41,6 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 
-from msls_ros import messages
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
 from msls_ros.inputs.profiles import read_profile

@@ -215,6 +215,29 @@ def test_what_programs_import_is_compiled_even_where_python_is_to_keep_nothing(
     assert "other_python/one.py" in script.LOG.read_text()
 
 
+WITHOUT_MESSAGES = """
+import importlib, sys
+class Absent:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "msls_msgs":
+            raise ModuleNotFoundError("No module named 'msls_msgs'", name="msls_msgs")
+sys.meta_path.insert(0, Absent())
+module = importlib.import_module(sys.argv.pop(1))
+getattr(module, "main", bool)()
+"""
+
+
+@pytest.mark.parametrize(
+    "name", ["testing", *(f"commands.{n}" for n in ("controller", "demo", "identifier", "mixer", "pilot", "plant"))]
+)
+def test_where_the_messages_are_not_built_it_is_said_how_to_build_them(name: str) -> None:
+    command = [sys.executable, "-c", WITHOUT_MESSAGES, f"msls_ros.{name}", "--help"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode != 0
+    assert done.stderr.strip().splitlines()[-1].startswith("ImportError: the message package msls_msgs is not built")
+    assert "./msls setup" in done.stderr
+
+
 @pytest.mark.parametrize("lock", LOCKS)
 def test_every_pin_has_hashes(lock: str) -> None:
     blocks = pins(lock)

@@ -13,6 +13,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msls_ros.messages  # noqa: F401  first of what needs msls_msgs: says what to do where that is not built
+
+# isort: split
 from rclpy.logging import LoggingSeverity, set_logger_level
 
 from msls_ros.bags import check_replaceable

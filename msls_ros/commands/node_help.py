@@ -6,6 +6,9 @@ import sys
 import textwrap
 from collections.abc import Sequence
 
+import msls_ros.messages  # noqa: F401  first of what needs msls_msgs: says what to do where that is not built
+
+# isort: split
 from rclpy.node import Node
 
 from msls_ros.nodes.parameters import Table, descriptor
