@@ -171,9 +171,11 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
         label=f"{watch.symbol} [{watch.unit}]",
         **common,
     )
-    figures.plot_states(paths[1], c.time, c.x, c.alpha, c.beta, c.delta, effectors, title=f"Flight:\n{about}", **common)
+    figures.plot_states(
+        paths[1], c.time, c.x, c.alpha, c.beta, c.delta, effectors, title=f"States and deflections\n{about}", **common
+    )
     figures.plot_dither(
-        paths[2], c.time, c.dither, effectors, c.predicted, c.limit, c.realised, title=f"Dither:\n{about}", **common
+        paths[2], c.time, c.dither, effectors, c.predicted, c.limit, c.realised, title=f"Dither\n{about}", **common
     )
     return paths
 

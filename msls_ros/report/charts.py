@@ -94,7 +94,9 @@ def _of_states(states: Signals) -> list[Panel]:
         beta = np.degrees(np.arcsin(np.divide(v, speed, out=np.zeros_like(v), where=speed > 0.0)))
         panels.append(Panel("airspeed [m/s]", [Line("V", time, speed)]))
         alpha = np.degrees(np.arctan2(w, u))
-        panels.append(Panel("incidence [deg]", [Line("α", time, alpha), Line("sideslip β", time, beta)]))
+        panels.append(
+            Panel("incidence [deg]", [Line("angle of attack α", time, alpha), Line("sideslip β", time, beta)])
+        )
         rest = [name for name in rest if name not in _AIR]
     rates = [Line(n, time, np.degrees(of[n])) for n in rest if n in _RATES]
     label = {"Phi": "bank Φ", "Theta": "pitch Θ", "Psi": "heading Ψ"}

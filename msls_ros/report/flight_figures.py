@@ -26,11 +26,16 @@ STYLES = {
 }
 
 
+def wrapped(title: str, width: int) -> str:
+    """Return a title whose lines are no longer than so many characters."""
+    return "\n".join(textwrap.fill(line, width) for line in title.splitlines())
+
+
 def new_figure(rows: int, title: str, height: float = 2.4, *, same_time: bool = True) -> tuple[Figure, list[Axes]]:
     """Return a figure of stacked axes over time, with one range of time or with a range each."""
     figure = Figure(figsize=(9.0, 0.9 + height * rows), layout="constrained", dpi=120)
     axes = figure.subplots(rows, 1, sharex=same_time, squeeze=False)[:, 0]
-    figure.suptitle(title, fontsize=11)
+    figure.suptitle(wrapped(title, 90), fontsize=11)
     axes[-1].set_xlabel("time [s]")
     for axis in axes:
         axis.grid(alpha=0.3)
@@ -42,7 +47,7 @@ def new_multiples(number: int, title: str) -> tuple[Figure, list[Axes]]:
     rows = -(-number // 3)
     figure = Figure(figsize=(10.0, 0.7 + 1.45 * rows), layout="constrained", dpi=120)
     axes = list(figure.subplots(rows, 3, sharex=True, squeeze=False).ravel())
-    figure.suptitle(textwrap.fill(title, 110), fontsize=10)
+    figure.suptitle(wrapped(title, 110), fontsize=10)
     for axis in axes[number - 3 : number]:  # the lowest of each column
         axis.set_xlabel("time [s]")
         axis.tick_params(labelbottom=True)
@@ -63,6 +68,16 @@ def mark_events(axes: Sequence[Axes], faults: Sequence[tuple[float, float]], ala
                 axis.axvspan(start, end, color="0.4", alpha=0.08, linewidth=0)
         for i, alarm in enumerate(alarms):
             axis.axvline(alarm, color="#CC79A7", linewidth=1.0, label="alarm" if i == 0 else None)
+
+
+def _mark_all(
+    figure: Figure, axes: Sequence[Axes], faults: Sequence[tuple[float, float]], alarms: Sequence[float]
+) -> None:
+    """Mark the events in small axes; beneath them one key, of what the last of the axes shows."""
+    mark_events(axes, faults, alarms)
+    handles, labels = axes[-1].get_legend_handles_labels()
+    if labels:
+        figure.legend(handles, labels, loc="outside lower right", ncols=len(labels), fontsize=8)
 
 
 def _about(name: str, values: Array) -> tuple[str, Array]:
@@ -156,9 +171,7 @@ def plot_states(
     for axis, (name, values) in zip(axes, panels, strict=False):
         axis.plot(time, np.degrees(values), linewidth=0.9, color=OURS)
         axis.set_title(name, fontsize=9, loc="left")
-    mark_events(axes[: len(panels)], faults, alarms)
-    if faults or alarms:
-        figure.legend(*axes[0].get_legend_handles_labels(), loc="lower right", ncols=2, fontsize=8)
+    _mark_all(figure, axes[: len(panels)], faults, alarms)
     write_png(figure, path)
 
 
@@ -195,18 +208,19 @@ def plot_dither(
         Of the figure.
     """
     m = len(names)
-    figure, axes = new_multiples(m + 1, f"{title}; commands in deg")
+    figure, axes = new_multiples(m + 1, title)
     largest = 1.05 * max(float(np.abs(np.degrees(dither)).max()), 1e-3)
     for j, name in enumerate(names):
         axes[j].plot(time, np.degrees(dither[:, j]), linewidth=0.7, color=OURS)
         axes[j].set_ylim(-largest, largest)
-        axes[j].set_title(name, fontsize=9, loc="left")
+        axes[j].set_title(f"{name} [deg]", fontsize=9, loc="left")
     width = max(1, round(1.0 / float(np.median(np.diff(time)))))
-    axes[m].plot(time, limit, color=TRUTH, linestyle="--", label="limit")
-    axes[m].plot(time, predicted, color=OURS, label="predicted")
-    axes[m].plot(time, causal_rms(realised, width), color=PEER, linestyle="-.", label="realised, the last 1 s")
+    axes[m].plot(time, limit, color=TRUTH, linestyle="--", label="limit of acceleration")
+    axes[m].plot(time, predicted, color=OURS, label="predicted acceleration")
+    axes[m].plot(
+        time, causal_rms(realised, width), color=PEER, linestyle="-.", label="realised acceleration, the last 1 s"
+    )
     axes[m].set_title("acceleration at the pilot, rms [g]", fontsize=9, loc="left")
     axes[m].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
-    axes[m].legend(fontsize=7)
-    mark_events(axes[: m + 1], faults, alarms)
+    _mark_all(figure, axes[: m + 1], faults, alarms)
     write_png(figure, path)

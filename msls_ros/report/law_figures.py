@@ -71,10 +71,10 @@ def plot_laws(
             for axis in column:
                 axis.grid(True)
                 if fault is not None:
-                    axis.axvline(fault, color=INK, linestyle=":", linewidth=1.2)
+                    axis.axvline(fault, color=INK, linestyle=":", linewidth=1.2, label="fault")
             column[0].set_title(one.title, fontsize=10, fontweight="bold")
             if k == 0:
-                for axis, label in zip(column, (*ROWS, "effectiveness\nover the intact one", ""), strict=True):
+                for axis, label in zip(column, (*ROWS, "effectiveness\nover the intact one", "law"), strict=True):
                     axis.set_ylabel(label)
         _limit(grid, flights)
         for axis in grid[-1]:
@@ -82,6 +82,11 @@ def plot_laws(
         for row in (0, 3, 4):
             axis = max(grid[row], key=lambda one: len(one.get_legend_handles_labels()[0]))
             handles, labels = axis.get_legend_handles_labels()
+            if row:  # the fault stands in the first key
+                handles, labels = (
+                    [one for one, label in zip(part, labels, strict=True) if label != "fault"]
+                    for part in (handles, labels)
+                )
             grid[row][-1].legend(handles, labels, loc="upper left", bbox_to_anchor=(1.0, 1.03), fontsize=8)
         write_png(figure, path)
 
@@ -109,7 +114,13 @@ def _draw(
             now, std = one.effect[:, k], one.effect_std[:, k]
             if hurt:
                 effect.fill_between(
-                    one.time, now - 2.0 * std, now + 2.0 * std, color=colours[name], alpha=0.2, linewidth=0
+                    one.time,
+                    now - 2.0 * std,
+                    now + 2.0 * std,
+                    color=colours[name],
+                    alpha=0.2,
+                    linewidth=0,
+                    label=f"{_words(name)}, ± 2 standard errors",
                 )
             effect.plot(one.time, now, color=colours[name], linewidth=width, label=_words(name))
         if hurt:

@@ -10,7 +10,7 @@ import numpy as np
 from msls_ros.report.chart import Line, Panel
 from msls_ros.report.errors import ReportError
 from msls_ros.report.recorded import Array, Flags, Models, Truth
-from msls_ros.report.style import derivative
+from msls_ros.report.style import derivative, derivative_unit
 
 MOST = 8
 """Parameters shown where none are asked for."""
@@ -35,12 +35,15 @@ class Parameter:
     std: Array
     reliable: Flags
     truth: Array | None
+    unit: str
+    """The radian is 1; empty: not known."""
 
     @property
     def label(self) -> str:
         """How it is written."""
         paper = " (b43)" if (self.row, self.column) == _PAPER else ""
-        return f"∂({derivative(self.row)}) / ∂{self.column}{paper}"
+        unit = f" [{self.unit}]" if self.unit else ""
+        return f"∂({derivative(self.row)}) / ∂{self.column}{paper}{unit}"
 
 
 @dataclass(frozen=True)
@@ -121,7 +124,8 @@ def pick(models: Models, truth: Truth | None, name: str) -> Parameter:
     true = None
     if truth is not None and len(truth.time):
         true = np.interp(models.time, truth.time, (truth.a if of_a else truth.b)[:, i, j])
-    return Parameter(row, column, models.time, value[:, i, j], std[:, i, j], reliable[:, i, j], true)
+    unit = derivative_unit(row, column, models.effectors)
+    return Parameter(row, column, models.time, value[:, i, j], std[:, i, j], reliable[:, i, j], true, unit)
 
 
 def quality(parameter: Parameter) -> Quality:
