@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import nullcontext
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, TypeAlias
 
 from msls_ros.commands.arguments import OneLineParser, count, seed
 from msls_ros.commands.compiling import compile_once
@@ -34,6 +34,7 @@ FAULT_SIZES = (
     ("network", 20, "seconds over a bad network"),
     ("soak", 3600, "seconds of flight in one go"),
 )
+Commands: TypeAlias = "argparse._SubParsersAction[OneLineParser]"
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 
 
@@ -58,6 +59,16 @@ def parser() -> argparse.ArgumentParser:
     """Return the command line."""
     result = OneLineParser(prog="benchmark", description=__doc__.split(": ", 1)[1])
     commands = result.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    _add_speeds(commands)
+    _add_control(commands)
+    _add_errors(commands)
+    for command in commands.choices.values():
+        command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
+    return result
+
+
+def _add_speeds(commands: Commands) -> None:
+    """Add what measures time, and what damage costs."""
     kernel = commands.add_parser("kernel", help="time per update at p = 17, 9 rows and p = 8, 3 rows, one thread")
     kernel.add_argument("--rounds", type=count, default=25, help="how often each is timed (default: 25)")
     stress = commands.add_parser("stress", help="two nearly collinear regressors: first NaN and peak error")
@@ -76,6 +87,9 @@ def parser() -> argparse.ArgumentParser:
     latency.add_argument("--seconds", type=count, default=10, help="length of a round (default: 10)")
     latency.add_argument("--rounds", type=count, default=3, help="rounds per rate (default: 3)")
     latency.add_argument("--rates", type=count, nargs="+", default=[50, 100, 200, 500, 1000], help="[Hz]")
+
+
+def _add_control(commands: Commands) -> None:
     control = commands.add_parser("control", help="control laws side by side: flights kept, how well they track")
     control.add_argument("--suite", choices=CONTROL, default="failures", help="what is flown (default: failures)")
     control.add_argument(
@@ -89,6 +103,10 @@ def parser() -> argparse.ArgumentParser:
     control.add_argument("--seeds", type=count, default=2, help="how many (default: 2)")
     control.add_argument("--first-seed", type=seed, default=100, help="(default: 100)")
     control.add_argument("--out", type=Path, help="JSON lines to append to, and to go on from")
+
+
+def _add_errors(commands: Commands) -> None:
+    """Add what measures errors, bars, alarms and names."""
     calibration = commands.add_parser("calibration", help="error bars, alarms and names against the truth, on all beds")
     which = calibration.add_mutually_exclusive_group()
     for kind, text in (
@@ -123,9 +141,6 @@ def parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--folder", type=Path, metavar="DIR", help="keep flights and results there: an interrupted run goes on"
         )
-    for command in (kernel, stress, replay, campaign, latency, faults, control, calibration, accuracy, linear):
-        command.add_argument("--json", action="store_true", help="print one JSON value on stdout and nothing else")
-    return result
 
 
 def main(argv: Sequence[str] | None = None) -> int:

@@ -158,25 +158,13 @@ def draw(scenario: Scenario, c: Comparison, out: Path, noise: str, seed: int) ->
     alarms = [t for t, kind, _ in c.events if kind == "detected"]
     watch = scenario.watch
     about = f"{scenario.description}; sensor noise {noise}, seed {seed}"
-    paths = [out / f"{watch.symbol}.png", out / "states.png", out / "dither.png"]
-    effectors = scenario.airframe.effectors
-    common: dict[str, Any] = {"faults": scenario.fault_spans, "alarms": alarms}
-    figures.plot_parameter(
-        paths[0],
-        c.time,
-        c.truth,
-        c.estimates,
-        c.std,
-        title=f"{watch.symbol} = {watch.derivative}, estimated and true\n{about}",
-        label=f"{watch.symbol} [{watch.unit}]",
-        **common,
-    )
-    figures.plot_states(
-        paths[1], c.time, c.x, c.alpha, c.beta, c.delta, effectors, title=f"States and deflections\n{about}", **common
-    )
-    figures.plot_dither(
-        paths[2], c.time, c.dither, effectors, c.predicted, c.limit, c.realised, title=f"Dither\n{about}", **common
-    )
+    flown = figures.Flown(about, scenario.fault_spans, alarms)
+    parameter, states, dither = paths = [out / f"{name}.png" for name in (watch.symbol, "states", "dither")]
+    names = scenario.airframe.effectors
+    what, label = f"{watch.symbol} = {watch.derivative}, estimated and true", f"{watch.symbol} [{watch.unit}]"
+    figures.plot_parameter(parameter, c.time, c.truth, c.estimates, c.std, flown, what, label)
+    figures.plot_states(states, c.time, c.x, c.alpha, c.beta, c.delta, names, flown)
+    figures.plot_dither(dither, c.time, c.dither, names, c.predicted, c.limit, c.realised, flown)
     return paths
 
 

@@ -27,6 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.screening import GAP
@@ -37,7 +38,7 @@ from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
 from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
-from msls_ros.inputs.pacing import Pacer
+from msls_ros.inputs.pacing import Pacer, slowest_pace
 from msls_ros.inputs.slow_topics import SlowTopics
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
@@ -166,6 +167,27 @@ class InputAdapter:
         self._names = (*self._states, *self._effectors, *(f"d{name}/dt" for name in self._states), *_RATES)
         frames.to_body((0.0, 0.0, 0.0), frames.euler_angles((1.0, 0.0, 0.0, 0.0), "frd", "ned"))  # compiles now
         self._restart()
+
+    @classmethod
+    def of(
+        cls,
+        inputs: InputMap,
+        configuration: Configuration,
+        gate: Synchronizer,
+        report: Callable[[Refused], None] = lambda _: None,
+    ) -> InputAdapter:
+        """Return the adapter of an identifier, before its gate, which counts what is refused."""
+        return cls(
+            inputs,
+            configuration.states,
+            configuration.effectors,
+            time_jump=configuration.time_jump,
+            reference_speed=configuration.reference_speed,
+            sample_rate=configuration.sample_rate,
+            slowest=slowest_pace(configuration),
+            refused=gate.refused,
+            report=report,
+        )
 
     @property
     def topics(self) -> dict[str, str]:

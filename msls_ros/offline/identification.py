@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from msls_ros.bags import open_any
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
-from msls_ros.inputs import InputMap, Refused, Synchronizer, adapt
+from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer, adapt
 from msls_ros.inputs.block_pairing import PairedBlock
 from msls_ros.inputs.findings import Finding
 from msls_ros.inputs.inspection import findings_of
@@ -34,7 +34,7 @@ from msls_ros.inputs.profiles import parameters_of, profile_path, read_inputs, r
 from msls_ros.inputs.series import Collector
 from msls_ros.offline.inspection import inspect, refuse_wrong
 from msls_ros.offline.opening import chosen_parameters
-from msls_ros.offline.replay import ReplayOptions, adapter_of, open_source, why_none
+from msls_ros.offline.replay import ReplayOptions, open_source, why_none
 from msls_ros.offline.sources import Offer, collected, ordered_batches
 
 Array = NDArray[np.float64]
@@ -152,7 +152,7 @@ def identify_messages(
     if inputs is None:
         flow.take(collected(_own_offers(taken, flow.gate)), 0)
         return flow.result("messages", OWN, [], [])
-    adapter = adapter_of(configuration, inputs, flow.gate, flow.note)
+    adapter = InputAdapter.of(inputs, configuration, flow.gate, flow.note)
     missing = sorted(set(adapter.topics) - {topic for topic, _, _ in taken})
     if missing:
         there = ", ".join(sorted({topic for topic, _, _ in taken})) or "none"

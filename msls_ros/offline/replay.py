@@ -30,7 +30,6 @@ from msls_ros.bags import (
 from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer
-from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.profiles import render_profile
 from msls_ros.offline.best import Known
 from msls_ros.offline.collection import no_collection
@@ -242,23 +241,6 @@ def why_none(topics: Sequence[str], gate: Synchronizer, reasons: Mapping[str, st
     return f"{count} messages refused ({reason}): {reasons.get(reason, 'see ./msls inspect')}"
 
 
-def adapter_of(
-    configuration: Configuration, inputs: InputMap, gate: Synchronizer, note: Callable[[Refused], None]
-) -> InputAdapter:
-    """Return what makes samples of other messages, for a gate."""
-    return InputAdapter(
-        inputs,
-        configuration.states,
-        configuration.effectors,
-        time_jump=configuration.time_jump,
-        reference_speed=configuration.reference_speed,
-        sample_rate=configuration.sample_rate,
-        slowest=slowest_pace(configuration),
-        refused=gate.refused,
-        report=note,
-    )
-
-
 def open_source(
     bag: Path,
     configuration: Configuration,
@@ -273,7 +255,7 @@ def open_source(
         source: Source = SampleSource(topics, gate)
         prefix = topics.prefix
     else:
-        adapter = adapter_of(configuration, options.inputs, gate, note)
+        adapter = InputAdapter.of(options.inputs, configuration, gate, note)
         try:
             source = MappedSource(looked, adapter, gate)
         except EstimationError as error:

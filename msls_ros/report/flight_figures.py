@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +25,21 @@ STYLES = {
     "msls": ("MSLS", OTHER, 1.0),
     "bank": ("bank", OURS, 1.8),
 }
+
+
+@dataclass(frozen=True)
+class Flown:
+    """What stands in every picture of a flight."""
+
+    title: str
+    faults: Sequence[tuple[float, float]]
+    """Starts and ends [s]."""
+    alarms: Sequence[float]
+    """[s]"""
+
+    def titled(self, what: str) -> str:
+        """Return the title of one picture."""
+        return f"{what}\n{self.title}"
 
 
 def wrapped(title: str, width: int) -> str:
@@ -59,22 +75,20 @@ def new_multiples(number: int, title: str) -> tuple[Figure, list[Axes]]:
     return figure, axes
 
 
-def mark_events(axes: Sequence[Axes], faults: Sequence[tuple[float, float]], alarms: Sequence[float]) -> None:
+def mark_events(axes: Sequence[Axes], flown: Flown) -> None:
     """Mark the faults, each with the time over which it grows, and the alarms in every axis."""
     for axis in axes:
-        for i, (start, end) in enumerate(faults):
+        for i, (start, end) in enumerate(flown.faults):
             axis.axvline(start, color="0.4", linestyle=":", linewidth=1.2, label="fault" if i == 0 else None)
             if end > start:
                 axis.axvspan(start, end, color="0.4", alpha=0.08, linewidth=0)
-        for i, alarm in enumerate(alarms):
+        for i, alarm in enumerate(flown.alarms):
             axis.axvline(alarm, color="#CC79A7", linewidth=1.0, label="alarm" if i == 0 else None)
 
 
-def _mark_all(
-    figure: Figure, axes: Sequence[Axes], faults: Sequence[tuple[float, float]], alarms: Sequence[float]
-) -> None:
+def _mark_all(figure: Figure, axes: Sequence[Axes], flown: Flown) -> None:
     """Mark the events in small axes; beneath them one key, of what the last of the axes shows."""
-    mark_events(axes, faults, alarms)
+    mark_events(axes, flown)
     handles, labels = axes[-1].get_legend_handles_labels()
     if labels:
         figure.legend(handles, labels, loc="outside lower right", ncols=len(labels), fontsize=8)
@@ -91,10 +105,8 @@ def plot_parameter(
     truth: Array,
     estimates: Mapping[str, Array],
     std: Array,
-    *,
-    faults: Sequence[tuple[float, float]],
-    alarms: Sequence[float],
-    title: str,
+    flown: Flown,
+    what: str,
     label: str,
 ) -> None:
     """Write the figure of a parameter: estimates, 95 % band, truth; below it the time around the faults.
@@ -107,17 +119,17 @@ def plot_parameter(
         (n,) [s]; the parameter and its standard error, not zero all the time.
     estimates
         (n,) by name, among `STYLES`; the band is that of the first.
-    faults, alarms
-        Starts and ends, and times [s].
-    title, label
-        Of the figure, and of the parameter.
+    flown
+        Title and marks.
+    what, label
+        Before the title, and of the axis.
     """
-    figure, axes = new_figure(2 if faults else 1, title, 3.1, same_time=False)
+    figure, axes = new_figure(2 if flown.faults else 1, flown.titled(what), 3.1, same_time=False)
     first = next(iter(estimates))
     level = float(np.abs(truth).max()) or 1.0
     limits = (-0.6 * level, 2.2 * level)
     for axis in axes:
-        mark_events([axis], faults, alarms)
+        mark_events([axis], flown)
         for name in sorted(estimates, key=lambda one: (one == first, list(STYLES).index(one))):
             who, colour, width = STYLES[name]
             colour, width = (OURS, 1.8) if name == first else (colour, width)
@@ -129,9 +141,9 @@ def plot_parameter(
         axis.set_ylim(limits if truth[0] >= 0.0 else (-limits[1], -limits[0]))
         axis.set_ylabel(label)
     axes[0].legend(loc="upper right" if truth[0] >= 0.0 else "lower right", ncols=3, fontsize=8)
-    if faults:
+    if flown.faults:
         axes[1].set_title("around the fault", fontsize=9, loc="left")
-        axes[1].set_xlim(faults[0][0] - 0.5, max(end for _, end in faults) + 2.0)
+        axes[1].set_xlim(flown.faults[0][0] - 0.5, max(end for _, end in flown.faults) + 2.0)
     write_png(figure, path)
 
 
@@ -143,10 +155,7 @@ def plot_states(
     beta: Array,
     delta: Array,
     names: Sequence[str],
-    *,
-    faults: Sequence[tuple[float, float]],
-    alarms: Sequence[float],
-    title: str,
+    flown: Flown,
 ) -> None:
     """Write the figure of the flight: incidence, rates, attitude, deflections.
 
@@ -158,20 +167,18 @@ def plot_states(
         (n,), (n, 9), (n,), (n,), (n, m); SI and radians.
     names
         Of the effectors.
-    faults, alarms
-        Starts and ends, and times [s].
-    title
-        Of the figure.
+    flown
+        Title and marks.
     """
     panels = [_about("angle of attack", alpha), ("sideslip [deg]", beta)]
     panels += [(f"{name} [deg/s]", x[:, 3 + i]) for i, name in enumerate("PQR")]
     panels += [("bank Φ [deg]", x[:, 6]), _about("pitch Θ", x[:, 7])]
     panels += [_about(name, delta[:, j]) for j, name in enumerate(names)]
-    figure, axes = new_multiples(len(panels), title)
+    figure, axes = new_multiples(len(panels), flown.titled("States and deflections"))
     for axis, (name, values) in zip(axes, panels, strict=False):
         axis.plot(time, np.degrees(values), linewidth=0.9, color=OURS)
         axis.set_title(name, fontsize=9, loc="left")
-    _mark_all(figure, axes[: len(panels)], faults, alarms)
+    _mark_all(figure, axes[: len(panels)], flown)
     write_png(figure, path)
 
 
@@ -183,10 +190,7 @@ def plot_dither(
     predicted: Array,
     limit: Array,
     realised: Array,
-    *,
-    faults: Sequence[tuple[float, float]],
-    alarms: Sequence[float],
-    title: str,
+    flown: Flown,
 ) -> None:
     """Write the figure of the dither and the acceleration that the pilot feels of it.
 
@@ -202,13 +206,11 @@ def plot_dither(
         (n,) rms, and its limit [g].
     realised
         (n, 3) acceleration by the dither alone [g].
-    faults, alarms
-        Starts and ends, and times [s].
-    title
-        Of the figure.
+    flown
+        Title and marks.
     """
     m = len(names)
-    figure, axes = new_multiples(m + 1, title)
+    figure, axes = new_multiples(m + 1, flown.titled("Dither"))
     largest = 1.05 * max(float(np.abs(np.degrees(dither)).max()), 1e-3)
     for j, name in enumerate(names):
         axes[j].plot(time, np.degrees(dither[:, j]), linewidth=0.7, color=OURS)
@@ -222,5 +224,5 @@ def plot_dither(
     )
     axes[m].set_title("acceleration at the pilot, rms [g]", fontsize=9, loc="left")
     axes[m].set_ylim(0.0, 1.15 * max(float(limit.max()), 1e-3))
-    _mark_all(figure, axes[: m + 1], faults, alarms)
+    _mark_all(figure, axes[: m + 1], flown)
     write_png(figure, path)

@@ -76,14 +76,10 @@ def test_the_pictures_of_the_demo_hide_nothing_and_name_each_unit(
 ) -> None:
     alarms = [4.02] if faults else []
     columns = np.tile(0.1 * WAVE[:, None], (1, 9))
-    about = f"Dither\n{'an aircraft that is described at length, ' * 4}"
-    flight_figures.plot_dither(
-        tmp_path, TIME, columns[:, :3], EFFECTORS, 0.01 * np.ones(len(TIME)), 0.012 * np.ones(len(TIME)),
-        0.01 * columns[:, :3], faults=faults, alarms=alarms, title=about,
-    )  # fmt: skip
-    flight_figures.plot_states(
-        tmp_path, TIME, columns, WAVE, WAVE, columns[:, :2], EFFECTORS[:2], faults=faults, alarms=alarms, title=about
-    )
+    flown = flight_figures.Flown("an aircraft that is described at length, " * 4, faults, alarms)
+    small = 0.01 * np.ones(len(TIME))
+    flight_figures.plot_dither(tmp_path, TIME, columns[:, :3], EFFECTORS, small, 1.2 * small, 0.1 * columns, flown)
+    flight_figures.plot_states(tmp_path, TIME, columns, WAVE, WAVE, columns[:, :2], EFFECTORS[:2], flown)
     for figure in written:
         assert_nothing_is_hidden(figure)
         for axes in figure.axes:
