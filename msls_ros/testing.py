@@ -40,6 +40,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
+from rclpy.subscription import Subscription
 
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import as_mapping
@@ -143,7 +144,7 @@ class Bench:
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.heard: dict[str, list[Any]] = {}
-        self._listening: dict[tuple[str, type[Any]], list[Any]] = {}
+        self._listening: dict[tuple[str, type[Any]], tuple[Subscription, list[Any]]] = {}
         self._publishers: dict[str, Publisher] = {}
         self.probe = self.adopt(Node("probe", context=self.context))
 
@@ -229,10 +230,9 @@ class Bench:
         Of a topic that is listened to already, as those of an identifier are, the same list.
         """
         own = self.probe.resolve_topic_name(topic), kind
-        heard = self._listening.get(own)
-        if heard is None:
-            heard = self._listening[own] = []
-            self.probe.create_subscription(kind, topic, heard.append, INPUT)
+        subscription, heard = self._listening.get(own, (None, []))
+        if subscription is None or subscription not in self.probe.subscriptions:  # none yet, or one that was destroyed
+            self._listening[own] = self.probe.create_subscription(kind, topic, heard.append, INPUT), heard
         self.heard[topic] = heard
         self.spin_until(lambda: self.probe.count_publishers(topic) > 0, f"a publisher of {topic}")
         return heard

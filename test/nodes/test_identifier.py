@@ -286,8 +286,6 @@ def test_lifecycle_is_driven_by_services(bench: Bench) -> None:
         assert node.synchronizer.paired == 5
         assert change(bench, Transition.TRANSITION_CLEANUP)
         assert state_of(bench) == State.PRIMARY_STATE_UNCONFIGURED
-        for subscription in [s for s in bench.probe.subscriptions if s.topic_name in ("/dither", "/model")]:
-            bench.probe.destroy_subscription(subscription)
     assert not change(bench, Transition.TRANSITION_ACTIVATE)  # none from here: refused, and the node lives on
     assert state_of(bench) == State.PRIMARY_STATE_UNCONFIGURED
     assert change(bench, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN)
