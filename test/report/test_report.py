@@ -220,7 +220,15 @@ def test_inputs_alone_are_identified_offline(tmp_path: Path, capsys: pytest.Capt
     assert {"trust", "detection", "parameters"} <= made.figures
     assert "dither" not in made.summary["sections"], "none was injected"
     assert any("holds no model" in sentence for sentence in made.summary["missing"])
-    assert "defaults" in made.page.text
+    assert "defaults" in made.page.text and "Gravity is not taken off" not in made.page.text
+
+
+def test_without_phi_the_report_says_that_gravity_stays_and_how_to_add_it(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    along = Configuration().replace({"states": ("u", "w", "Q", "Theta"), "known_gravity": False})
+    made = make(capsys, record(tmp_path / "bag", INPUTS, configuration=along, kept=False), "--parameter", "Q/de")
+    assert re.search(r"Gravity is not taken off\. Better add .* of Phi and Theta .*scale=0", made.page.text)
 
 
 def test_a_lag_that_was_found_is_written_beside_the_model(
