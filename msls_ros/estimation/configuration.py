@@ -269,7 +269,8 @@ def _check_names(configuration: Configuration) -> None:
     needs = {"u", "v", "w"} & set(configuration.states)
     if configuration.known_gravity and needs and not {"Phi", "Theta"} <= set(configuration.states):
         message = (
-            f"known_gravity with the state '{min(needs)}' needs Phi and Theta among the states, or known_gravity: false"
+            f"known_gravity with the state '{min(needs)}' needs Phi and Theta among the states (Phi may be zero in "
+            "level flight), or known_gravity: false"
         )
         raise EstimationError(message)
 

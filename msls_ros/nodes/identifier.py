@@ -28,12 +28,12 @@ from msls_ros.estimation import (
 )
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import is_kept, warm_up
-from msls_ros.inputs import PairedSample, Refused, Synchronizer
+from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
-from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, make_adapter, subscribe, subscribe_own
+from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, subscribe, subscribe_own
 from msls_ros.nodes.monitoring import Arrivals, Monitor, Pause, judged, told
 from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
@@ -229,7 +229,7 @@ class IdentifierNode(LifecycleNode):
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = None
         if self._inputs is not None:
-            self._adapter = make_adapter(self._inputs, configuration, self._synchronizer, self._refusals.take)
+            self._adapter = InputAdapter.of(self._inputs, configuration, self._synchronizer, self._refusals.take)
         self._identifier = Identifier(configuration, 0 if self._adapter is None else self._adapter.straddle)
         if self._p["warm_start"]:
             start_from(self._identifier, Path(self._p["warm_start"]))

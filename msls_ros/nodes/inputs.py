@@ -14,9 +14,7 @@ from rclpy.qos import QoSProfile
 from rclpy.subscription import Subscription
 
 from msls_ros.bags import BagError, SampleDecoder
-from msls_ros.estimation import Configuration
-from msls_ros.inputs import InputAdapter, InputMap, PairedSample, Refused, Synchronizer
-from msls_ros.inputs.pacing import slowest_pace
+from msls_ros.inputs import InputMap, PairedSample, Synchronizer
 from msls_ros.nodes.message_types import message_class
 from msls_ros.nodes.parameters import plain
 from msls_ros.nodes.quality import Refuse, listen, overriding
@@ -41,29 +39,6 @@ def declare_inputs(node: Node) -> InputMap | None:
         node.declare_parameter(name, None, ParameterDescriptor(description=about, dynamic_typing=True))
         node.set_descriptor(name, ParameterDescriptor(description=about, dynamic_typing=True, read_only=True))
     return InputMap.from_parameters({name[len(PREFIX) :]: plain(node.get_parameter(name)) for name in names})
-
-
-def make_adapter(
-    inputs: InputMap, configuration: Configuration, gate: Synchronizer, report: Callable[[Refused], None]
-) -> InputAdapter:
-    """Return what turns messages of other types into rows for the gate, which counts what is refused.
-
-    Raises
-    ------
-    EstimationError
-        If a state or effector comes from nowhere, or from two places.
-    """
-    return InputAdapter(
-        inputs,
-        configuration.states,
-        configuration.effectors,
-        time_jump=configuration.time_jump,
-        reference_speed=configuration.reference_speed,
-        sample_rate=configuration.sample_rate,
-        slowest=slowest_pace(configuration),
-        refused=gate.refused,
-        report=report,
-    )
 
 
 class OwnInputs:

@@ -91,5 +91,5 @@ def mapped_recording(
     topics = [(name, kind, counts.get(name, 0)) for name, kind in sorted(reader.topics.items())]
     return Recording(
         prefix="/", inputs=found, messages={"model": []}, stride=1, topics=topics, diagnostics={},
-        warnings=list(own.warnings), refused=dict(refused), examples=examples, straddle=adapter.straddle,
+        warnings=[*own.warnings, *adapter.too_slow.values()], refused=dict(refused), examples=examples, straddle=adapter.straddle,
     )  # fmt: skip
