@@ -29,12 +29,16 @@ their means, with r the mean square of what is left, and n independent windows::
 
 where G is by how much r is larger than over a quarter of the window: noise of a sensor is as large over any, and gusts
 grow. A gust moves the velocity and then, as the aircraft answers it with its damping, the derivative: it makes
-``cov(D, C)`` of ``damping G`` at most, and looks like a delay. All velocities have much of their delay in common (one
-filter, the same vanes), and each is drawn to the mean of all, by weights of ``1 / (V + APART^2)`` (random effects).
-What is not beyond a standard error is none, ``tau - V / tau`` is used, and ``x + tau xdot - CURVED tau^2 xdotdot``
-learnt from, so that states and derivatives are of one time. How late a sensor is does not change in flight, so that it
-is remembered for minutes. Of angular rates the same sums hold how deflections step within a sample; nothing is made of
-them.
+``cov(D, C)`` of ``damping G`` at most, and looks like a delay.
+
+What goes with the changes of the deflections is partialled out of D and C first: a deflection that steps from sample to
+sample makes a step of the derivative, which the trapezoids above take for a ramp, and so a D of half a sample times C.
+
+All velocities have much of their delay in common (one filter, the same vanes), and each is drawn to the mean of all, by
+weights of ``1 / (V + APART^2)`` (random effects). What is not beyond a standard error is none, ``tau - V / tau`` is
+used, and ``x + tau xdot - CURVED tau^2 xdotdot`` learnt from, so that states and derivatives are of one time. How late
+a sensor is does not change in flight, so that it is remembered for minutes. Of angular rates nothing is made: gyros and
+their derivatives are of one sensor.
 
 Nothing is seen where the derivatives were made from the states.
 
@@ -86,6 +90,9 @@ FASTEST = 10.0
 CERTAIN = 2.0
 """Standard errors of a mean square that are counted for gusts: in the first windows these may not have shown."""
 
+ALIKE = 1e-9
+"""Share of a sum of squares that must be left of it where others are partialled out [1]."""
+
 LEAST = 12.0
 """Windows, independent ones, from which mean squares are known well enough, to .4, to tell gusts from a delay [1]."""
 
@@ -123,8 +130,16 @@ class Defect(NamedTuple):
     """(v,) their sum."""
     short: Array
     """(v,) the same over the short window."""
+    deflections: Array
+    """(L, m) the last deflections."""
+    turned: Array
+    """(m,) mean change of the deflections over the window."""
+    moments: Array
+    """(v, m + 2, m + 2) sums of products of the changes of the deflections, of the derivative, C, and of D."""
     timing: Array
-    """(7, v) number of windows, and sums of D^2, D C and C^2 of the long window and of the short one."""
+    """(4, v) number of these, and sums of D^2, D C and C^2 of the short window."""
+    left: Array
+    """(m + 2, m + 2) scratch."""
     seen: Array
     """(2, v) by how much states come after their derivatives, and variance of that; infinite: unknown [s, s^2]."""
     late: Array
@@ -142,35 +157,21 @@ class Defect(NamedTuple):
     """(v,) 1 of what is put in step with its derivative."""
 
 
-def make_defect(states: Sequence[str], sample_rate: float) -> Defect:
-    """Allocate for states of these names; `clear_defect` makes it valid."""
+def make_defect(states: Sequence[str], effectors: int, sample_rate: float) -> Defect:
+    """Allocate for states of these names, and so many effectors; `clear_defect` makes it valid."""
     seconds = [RATES_WINDOW if name in RATES else WINDOW for name in states]
     sizes = np.array([max(4, round(window * sample_rate)) for window in seconds], np.int64)
     size, count = int(sizes.max()), len(states)
     total, mean, variance = np.zeros(count), np.zeros(count), np.zeros(count)
     steps, rates, skew = np.zeros((size, count)), np.zeros((size, count)), np.zeros((3, count))
     lagged = np.zeros((3, count))
-    short, timing, seen, late = np.zeros(count), np.zeros((7, count)), np.zeros((2, count)), np.zeros(count)
+    short, timing, seen, late = np.zeros(count), np.zeros((4, count)), np.zeros((2, count)), np.zeros(count)
+    deflections, turned = np.zeros((size, effectors)), np.zeros(effectors)
+    moments = np.zeros((count, effectors + 2, effectors + 2))
     last, clock, filled = np.zeros((2, count)), np.zeros(2), np.zeros(2, np.int64)
     velocity = np.array([name in VELOCITIES for name in states], np.int64)
-    return Defect(
-        last,
-        steps,
-        rates,
-        skew,
-        lagged,
-        total,
-        short,
-        timing,
-        seen,
-        late,
-        mean,
-        variance,
-        clock,
-        filled,
-        sizes,
-        velocity,
-    )
+    of_delay = short, deflections, turned, moments, timing, np.zeros_like(moments[0]), seen, late
+    return Defect(last, steps, rates, skew, lagged, total, *of_delay, mean, variance, clock, filled, sizes, velocity)
 
 
 def clear_defect(defect: Defect) -> None:
@@ -183,7 +184,14 @@ def clear_defect(defect: Defect) -> None:
 
 @compiled
 def observe_defect(
-    defect: Defect, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array, aligned: Array
+    defect: Defect,
+    time: Array,
+    x: Array,
+    xdot: Array,
+    delta: Array,
+    columns: Integers,
+    noise: Array,
+    aligned: Array,
 ) -> None:
     """Take samples; ``defect.variance`` and ``defect.late`` follow.
 
@@ -195,6 +203,8 @@ def observe_defect(
         (n,) [s].
     x, xdot
         (n, states) [m/s, rad/s; per second].
+    delta
+        (n, m) deflections [rad].
     columns
         (v,) where the states stand.
     noise
@@ -218,6 +228,10 @@ def observe_defect(
         if full:
             defect.filled[1] += 1
         gain = max(1.0 / max(defect.filled[1], 1), step / MEMORY)
+        if full:
+            for i in range(delta.shape[1]):
+                turn = delta[k, i] - defect.deflections[defect.filled[0] % longest, i]
+                defect.turned[i] += gain * (turn - defect.turned[i])
         for j in range(columns.shape[0]):
             v = x[k, columns[j]]
             a = xdot[k, columns[j]]
@@ -239,7 +253,7 @@ def observe_defect(
                 defect.skew[2, j] += gain * (change * change - defect.skew[2, j])
                 if defect.velocity[j] != 0:
                     before = defect.rates[(defect.filled[0] - defect.size[j] // SHORT) % defect.size[j], j]
-                    observe_timing(defect, j, deviation, change, a - before, step)
+                    observe_timing(defect, j, deviation, change, a - before, delta[k], step)
                 if defect.skew[2, j] > 0.0:
                     deviation -= defect.skew[1, j] / defect.skew[2, j] * change
                 defect.variance[j] += gain * (deviation * deviation - defect.variance[j])
@@ -263,6 +277,9 @@ def observe_defect(
             defect.last[1, j] = a
         if full:
             combine_timing(defect)
+        if defect.filled[0] >= 0:
+            for i in range(delta.shape[1]):
+                defect.deflections[defect.filled[0] % longest, i] = delta[k, i]
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0
         defect.clock[0] = time[k]
         defect.filled[0] += 1
@@ -281,7 +298,9 @@ def observe_step(defect: Defect, j: int, d: float, step: float) -> None:
 
 
 @compiled
-def observe_timing(defect: Defect, j: int, deviation: float, change: float, moved: float, step: float) -> None:
+def observe_timing(
+    defect: Defect, j: int, deviation: float, change: float, moved: float, delta: Array, step: float
+) -> None:
     """Update how late state j is.
 
     Parameters
@@ -294,6 +313,8 @@ def observe_timing(defect: Defect, j: int, deviation: float, change: float, move
         D and C of the whole window, about their means.
     moved
         Change of the derivative over the short window.
+    delta
+        (m,) deflections of now.
     step
         Since the last sample [s].
     """
@@ -302,21 +323,55 @@ def observe_timing(defect: Defect, j: int, deviation: float, change: float, move
     short = defect.short[j] - part * defect.mean[j]
     moved -= part * defect.skew[0, j]
     fade = 1.0 - step / CONSTANT
-    for i, value in enumerate(
-        (1.0, deviation * deviation, deviation * change, change * change, short * short, short * moved, moved * moved)
-    ):
+    for i, value in enumerate((1.0, short * short, short * moved, moved * moved)):
         defect.timing[i, j] = fade * defect.timing[i, j] + value
-    own = defect.timing[:, j]
-    windows = OVERLAP * own[0] / size
-    if windows < LEAST or own[3] <= 0.0:
+    moments = defect.moments[j]
+    m = delta.shape[0]
+    slot = defect.filled[0] % defect.deflections.shape[0]
+    for i in range(m + 2):
+        one = change if i == m else deviation
+        if i < m:
+            one = delta[i] - defect.deflections[slot, i] - defect.turned[i]
+        for n in range(i + 1):
+            other = change if n == m else deviation
+            if n < m:
+                other = delta[n] - defect.deflections[slot, n] - defect.turned[n]
+            moments[i, n] = fade * moments[i, n] + one * other
+    find_delay(defect, j, part)
+
+
+@compiled
+def find_delay(defect: Defect, j: int, part: float) -> None:
+    """Find how late state j is, and how certain that is; ``part`` of the window is the short one.
+
+    The changes of the deflections are partialled out of C and D first, with those before (Frisch and Waugh).
+    """
+    moments, left = defect.moments[j], defect.left
+    last = moments.shape[0] - 1
+    windows = OVERLAP * defect.timing[0, j] / defect.size[j]
+    if windows < LEAST + last or moments[last - 1, last - 1] <= 0.0:
         return
-    tau = -own[2] / own[3]
-    left = max(own[1] + tau * own[2], 0.0)
-    quick = max(own[4] + tau * (2.0 * own[5] + tau * own[6]), 0.0)
-    grown = max(left - quick, 0.0) + CERTAIN * math.sqrt(2.0 / windows) * left
-    gust = FASTEST * grown / (1.0 - part) / own[3]
+    for i in range(last + 1):
+        for n in range(i + 1):
+            left[i, n] = moments[i, n]
+    for k in range(last - 1):
+        if left[k, k] <= ALIKE * moments[k, k]:
+            continue
+        for i in range(k + 1, last + 1):
+            factor = left[i, k] / left[k, k]
+            for n in range(k + 1, i + 1):
+                left[i, n] -= factor * left[n, k]
+    size = left[last - 1, last - 1]
+    if size <= ALIKE * moments[last - 1, last - 1]:
+        return
+    tau = -left[last, last - 1] / size
+    residual = max(left[last, last] + tau * left[last, last - 1], 0.0)
+    whole = moments[last, last] + tau * (2.0 * moments[last, last - 1] + tau * moments[last - 1, last - 1])
+    quick = defect.timing[1, j] + tau * (2.0 * defect.timing[2, j] + tau * defect.timing[3, j])
+    grown = max(whole - max(quick, 0.0), 0.0) + CERTAIN * math.sqrt(2.0 / windows) * residual
+    gust = FASTEST * grown / (1.0 - part) / size
     defect.seen[0, j] = tau
-    defect.seen[1, j] = left / own[3] / (windows - 2.0) + gust * gust
+    defect.seen[1, j] = residual / size / (windows - last - 1.0) + gust * gust
 
 
 @compiled

@@ -58,7 +58,7 @@ class Preparation:
         self._forces = find_forces(c.rows, c.known_gravity)
         self._states = find_states(c.states)
         self._turning = c.known_rotation
-        self._defect = make_defect(c.rows, c.sample_rate)
+        self._defect = make_defect(c.rows, len(c.effectors), c.sample_rate)
 
     def reset(self) -> None:
         """Forget the samples before."""
@@ -80,7 +80,7 @@ class Preparation:
             regressed = x
             if isinstance(self._engine, BankRegression):
                 noise, regressed = np.empty((count, 2 * len(self._kept))), x.copy()
-                observe_defect(self._defect, time, x, xdot, self._kept, noise, regressed)
+                observe_defect(self._defect, time, x, xdot, delta, self._kept, noise, regressed)
                 self._engine.observe(time, noise)
             build_regression(regressed, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)
         return Samples(time, x, xdot, delta, phi, y, self._engine.make_output(count))

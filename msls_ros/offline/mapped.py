@@ -89,7 +89,8 @@ def mapped_recording(
             progress(own.progress)
     counts = reader.summary.counts if reader.summary is not None else {}
     topics = [(name, kind, counts.get(name, 0)) for name, kind in sorted(reader.topics.items())]
+    warnings = [*own.warnings, *adapter.too_slow.values()]
     return Recording(
         prefix="/", inputs=found, messages={"model": []}, stride=1, topics=topics, diagnostics={},
-        warnings=[*own.warnings, *adapter.too_slow.values()], refused=dict(refused), examples=examples, straddle=adapter.straddle,
+        warnings=warnings, refused=dict(refused), examples=examples, straddle=adapter.straddle,
     )  # fmt: skip

@@ -108,9 +108,9 @@ def test_white_noise_of_a_state_is_what_the_next_step_takes_back_and_no_gust() -
     time = np.arange(n) / RATE
     gust = np.cumsum(random.normal(size=n)) * 0.2
     x = np.column_stack([gust, gust + 0.5 * random.normal(size=n), 0.5 * random.normal(size=n)])
-    defect, out = make_defect(("u", "v", "w"), float(RATE)), np.zeros((n, 6))
+    defect, out = make_defect(("u", "v", "w"), 0, float(RATE)), np.zeros((n, 6))
     clear_defect(defect)
-    observe_defect(defect, time, x, np.zeros((n, 3)), np.arange(3), out, x.copy())
+    observe_defect(defect, time, x, np.zeros((n, 3)), np.zeros((n, 0)), np.arange(3), out, x.copy())
     found = np.median(out[200:], axis=0)
     assert found[3] < 0.1 * found[0], "a gust is noise between state and derivative, and not white"
     assert found[4:] == pytest.approx(0.25, rel=0.3)

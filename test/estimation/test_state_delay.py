@@ -52,11 +52,11 @@ def record(flight: Flight, late: float, lag: float, noise: float = 0.01) -> Flig
 
 def find(samples: Flight) -> tuple[float, Array]:
     """Return how late w is found to be at the end [s], and w as it is learnt from."""
-    time, x, slopes, _ = samples
-    defect = make_defect(("w", "Q"), RATE)
+    time, x, slopes, delta = samples
+    defect = make_defect(("w", "Q"), 1, RATE)
     clear_defect(defect)
     aligned = x.copy()
-    observe_defect(defect, time, x, slopes, np.arange(2), np.zeros((len(x), 4)), aligned)
+    observe_defect(defect, time, x, slopes, delta, np.arange(2), np.zeros((len(x), 4)), aligned)
     assert defect.late[1] == 0.0 and (aligned[:, 1] == x[:, 1]).all(), "an angular rate is left as it is"
     return float(defect.late[0]), aligned[:, 0]
 
