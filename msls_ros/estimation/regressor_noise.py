@@ -37,7 +37,7 @@ sample makes a step of the derivative, which the trapezoids above take for a ram
 All velocities have much of their delay in common (one filter, the same vanes), and each is drawn to the mean of all, by
 weights of ``1 / (V + APART^2)`` (random effects). What is not beyond a standard error is none, ``tau - V / tau`` is
 used, and ``x + tau xdot - CURVED tau^2 xdotdot`` learnt from, so that states and derivatives are of one time. How late
-a sensor is does not change in flight, so that it is remembered for minutes. Of angular rates nothing is made: gyros and
+a sensor is does not change in flight, so that it is remembered for minutes. What is no longer than half a sample may as well be how a simulator integrates. Of angular rates nothing is made: gyros and
 their derivatives are of one sensor.
 
 Nothing is seen where the derivatives were made from the states.
@@ -89,6 +89,13 @@ FASTEST = 10.0
 
 CERTAIN = 2.0
 """Standard errors of a mean square that are counted for gusts: in the first windows these may not have shown."""
+
+INTEGRATED = 0.6
+"""Delays of no more than so many samples are none [1]: a simulator that integrates by Euler's rule makes half of one.
+
+JSBSim's A-4 and T-37 at 50 Hz, two steps of integration per sample, seem 5 ms late as exactly as if they were; taken
+for a delay, A is covered in .80 and .89, and in .96 and .95 as it is.
+"""
 
 ALIKE = 1e-9
 """Share of a sum of squares that must be left of it where others are partialled out [1]."""
@@ -148,7 +155,7 @@ class Defect(NamedTuple):
     variance: Array
     """(v,) of the sum."""
     clock: Array
-    """(2,) time of the last sample, length of the last step [s]."""
+    """(3,) time of the last sample, length of the last step, and of steps in the mean [s]."""
     filled: Integers
     """(2,) samples of the window that are filled; sums that were seen."""
     size: Integers
@@ -168,7 +175,7 @@ def make_defect(states: Sequence[str], effectors: int, sample_rate: float) -> De
     short, timing, seen, late = np.zeros(count), np.zeros((4, count)), np.zeros((2, count)), np.zeros(count)
     deflections, turned = np.zeros((size, effectors)), np.zeros(effectors)
     moments = np.zeros((count, effectors + 2, effectors + 2))
-    last, clock, filled = np.zeros((2, count)), np.zeros(2), np.zeros(2, np.int64)
+    last, clock, filled = np.zeros((2, count)), np.zeros(3), np.zeros(2, np.int64)
     velocity = np.array([name in VELOCITIES for name in states], np.int64)
     of_delay = short, deflections, turned, moments, timing, np.zeros_like(moments[0]), seen, late
     return Defect(last, steps, rates, skew, lagged, total, *of_delay, mean, variance, clock, filled, sizes, velocity)
@@ -276,6 +283,7 @@ def observe_defect(
             defect.last[0, j] = v
             defect.last[1, j] = a
         if full:
+            defect.clock[2] += gain * (step - defect.clock[2])
             combine_timing(defect)
         if defect.filled[0] >= 0:
             for i in range(delta.shape[1]):
@@ -393,5 +401,5 @@ def combine_timing(defect: Defect) -> None:
         own = spread / (spread + defect.seen[1, j])
         tau = common + own * (defect.seen[0, j] - common)
         variance = spread * (1.0 - own)
-        late = tau - variance / tau if tau * tau > variance else 0.0
+        late = tau - variance / tau if tau * tau > variance and abs(tau) > INTEGRATED * defect.clock[2] else 0.0
         defect.late[j] = min(max(late, -LATEST), LATEST)

@@ -61,7 +61,7 @@ def find(samples: Flight) -> tuple[float, Array]:
     return float(defect.late[0]), aligned[:, 0]
 
 
-@pytest.mark.parametrize(("late", "lag"), [(0.01, 0.0), (0.03, 0.0), (-0.02, 0.0), (0.0, 0.03)])
+@pytest.mark.parametrize(("late", "lag"), [(0.015, 0.0), (0.03, 0.0), (-0.02, 0.0), (0.0, 0.03)])
 def test_how_late_a_velocity_is_is_found_and_put_right(late: float, lag: float) -> None:
     flight = fly()
     samples = record(flight, late, lag)
@@ -92,6 +92,22 @@ def test_nothing_is_put_right_before_it_is_certain() -> None:
     _, aligned = find(samples)
     before = samples[0] < 3.0
     assert (aligned[before] == samples[1][before, 0]).all(), "nothing has moved yet"
+
+
+@pytest.mark.parametrize("fine", [1, 2])
+def test_integration_by_eulers_rule_is_no_delay(fine: int) -> None:
+    """A simulator's velocity is half a step of integration behind its derivative, and right as it stands."""
+    dt = 1.0 / RATE / fine
+    n = round(60.0 / dt)
+    delta = 0.05 * np.sign(np.sin(2.0 * np.pi * 0.7 * dt * np.arange(n)))[:, None]
+    x, slopes = np.zeros((n, 2)), np.zeros((n, 2))
+    for k in range(n):
+        slopes[k] = A @ x[k] + B @ delta[k]
+        x[k + 1 : k + 2] = x[k] + dt * slopes[k]
+    kept = slice(None, None, fine)
+    time = dt * np.arange(n, dtype=np.float64)
+    found, aligned = find((time[kept], x[kept], slopes[kept], delta[kept]))
+    assert found == 0.0 and (aligned == x[kept, 0]).all()
 
 
 def identify(samples: Flight, method: str = "bank") -> Estimate:
