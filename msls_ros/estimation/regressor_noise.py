@@ -37,8 +37,8 @@ sample makes a step of the derivative, which the trapezoids above take for a ram
 All velocities have much of their delay in common (one filter, the same vanes), and each is drawn to the mean of all, by
 weights of ``1 / (V + APART^2)`` (random effects). What is not beyond a standard error is none, ``tau - V / tau`` is
 used, and ``x + tau xdot - CURVED tau^2 xdotdot`` learnt from, so that states and derivatives are of one time. How late
-a sensor is does not change in flight, so that it is remembered for minutes. What is no longer than half a sample may as well be how a simulator integrates. Of angular rates nothing is made: gyros and
-their derivatives are of one sensor.
+a sensor is does not change in flight, so that it is remembered for minutes. What is no longer than half a sample may as
+well be how a simulator integrates. Of angular rates nothing is made: gyros and their derivatives are of one sensor.
 
 Nothing is seen where the derivatives were made from the states.
 
