@@ -110,7 +110,7 @@ APART = 0.01
 """By how much velocities are late unlike each other [s]: vanes and pitots, where they are not of one estimate."""
 
 LATEST = 0.1
-"""By how much velocities are put right at most [s]: a quarter of the window."""
+"""A quarter of the window [s]: what seems later is no delay, but a state that is not what its derivative makes."""
 
 CURVED = 0.75
 """Of the square of a delay times the second derivative: 1/2 of what is delayed, 1 of what lags, [1]."""
@@ -401,5 +401,5 @@ def combine_timing(defect: Defect) -> None:
         own = spread / (spread + defect.seen[1, j])
         tau = common + own * (defect.seen[0, j] - common)
         variance = spread * (1.0 - own)
-        late = tau - variance / tau if tau * tau > variance and abs(tau) > INTEGRATED * defect.clock[2] else 0.0
-        defect.late[j] = min(max(late, -LATEST), LATEST)
+        likely = INTEGRATED * defect.clock[2] < abs(tau) < LATEST
+        defect.late[j] = tau - variance / tau if likely and tau * tau > variance else 0.0
