@@ -64,7 +64,8 @@ def discount_incidence(s: BankSettings, x: BankState, n: float, effect: float, q
         for i in range(1, p):
             earlier[i] = column[i]
             column[i] = work.white_columns[s.velocities[j], i]
-        take_off(column, earlier, part)
+        if part > 0.0:
+            take_off(column, earlier, part)
         own = 0.0
         for i in range(1, p):
             own += column[i] * column[i]
