@@ -173,10 +173,10 @@ class InputAdapter:
         cls,
         inputs: InputMap,
         configuration: Configuration,
-        gate: Synchronizer,
+        refused: Counter[str],
         report: Callable[[Refused], None] = lambda _: None,
     ) -> InputAdapter:
-        """Return the adapter of an identifier, before its gate, which counts what is refused."""
+        """Return the adapter of an identifier; its gate's ``refused`` counts what is refused here, too."""
         return cls(
             inputs,
             configuration.states,
@@ -185,7 +185,7 @@ class InputAdapter:
             reference_speed=configuration.reference_speed,
             sample_rate=configuration.sample_rate,
             slowest=slowest_pace(configuration),
-            refused=gate.refused,
+            refused=refused,
             report=report,
         )
 

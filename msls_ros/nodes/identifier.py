@@ -229,7 +229,9 @@ class IdentifierNode(LifecycleNode):
         self._refusals = Refusals(self, self._synchronizer.refused)
         self._adapter = None
         if self._inputs is not None:
-            self._adapter = InputAdapter.of(self._inputs, configuration, self._synchronizer, self._refusals.take)
+            self._adapter = InputAdapter.of(
+                self._inputs, configuration, self._synchronizer.refused, self._refusals.take
+            )
         self._identifier = Identifier(configuration, 0 if self._adapter is None else self._adapter.straddle)
         if self._p["warm_start"]:
             start_from(self._identifier, Path(self._p["warm_start"]))

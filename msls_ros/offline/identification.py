@@ -152,7 +152,7 @@ def identify_messages(
     if inputs is None:
         flow.take(collected(_own_offers(taken, flow.gate)), 0)
         return flow.result("messages", OWN, [], [])
-    adapter = InputAdapter.of(inputs, configuration, flow.gate, flow.note)
+    adapter = InputAdapter.of(inputs, configuration, flow.gate.refused, flow.note)
     missing = sorted(set(adapter.topics) - {topic for topic, _, _ in taken})
     if missing:
         there = ", ".join(sorted({topic for topic, _, _ in taken})) or "none"

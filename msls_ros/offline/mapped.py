@@ -9,7 +9,6 @@ from typing import Any
 from msls_ros.bags import AnyReader, BagError, Sample
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, Refused, StateRow
-from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.offline.collection import no_collection
 from msls_ros.offline.recording import Input, Recording
 from msls_ros.offline.sources import ordered_batches
@@ -56,18 +55,7 @@ def mapped_recording(
     def note(one: Refused) -> None:
         examples.setdefault(one.reason, str(one))
 
-    c = configuration
-    adapter = InputAdapter(
-        inputs,
-        c.states,
-        c.effectors,
-        time_jump=c.time_jump,
-        reference_speed=c.reference_speed,
-        sample_rate=c.sample_rate,
-        slowest=slowest_pace(c),
-        refused=refused,
-        report=note,
-    )
+    adapter = InputAdapter.of(inputs, configuration, refused, note)
     adapter.check(reader.topics)
     own = reader.only(adapter.topics)
     found: list[Input] = []

@@ -255,7 +255,7 @@ def open_source(
         source: Source = SampleSource(topics, gate)
         prefix = topics.prefix
     else:
-        adapter = InputAdapter.of(options.inputs, configuration, gate, note)
+        adapter = InputAdapter.of(options.inputs, configuration, gate.refused, note)
         try:
             source = MappedSource(looked, adapter, gate)
         except EstimationError as error:
