@@ -144,33 +144,38 @@ def weigh(s: BankSettings, x: BankState, q: int, exponent: Array) -> None:
     exponent
         (m,) scratch.
     """
+    judged, half_power = x.judged[q], -0.5 * s.power
+    now, delayed, logs = x.evidence[q, 0], x.evidence[q, 1], x.evidence[q, 2]
+    mixes, energy_share, weight = s.mixes[q], x.energy_share[q], x.weight[q]
+    for m in range(s.members):
+        squares = (now[m] + TINY) * (delayed[m] + TINY)
+        exponent[m] = half_power * (judged * logarithm(squares) + 2.0 * logs[m])
     best = -math.inf
     for m in range(s.members):
-        if s.mixes[q, m] == 0.0:
-            continue
-        squares = (x.evidence[q, 0, m] + TINY) * (x.evidence[q, 1, m] + TINY)
-        exponent[m] = -0.5 * s.power * (x.judged[q] * logarithm(squares) + 2.0 * x.evidence[q, 2, m])
-        best = max(best, exponent[m])
+        if mixes[m] != 0.0:
+            best = max(best, exponent[m])
+    for m in range(s.members):
+        lag = exponent[m] - best if mixes[m] > 0.0 else NOTHING
+        taught = min(energy_share[m] / TAUGHT, 1.0)
+        share = exponential(lag) * taught * taught
+        weight[m] = share if lag > NOTHING else 0.0
     total = 0.0
     for m in range(s.members):
-        lag = exponent[m] - best if s.mixes[q, m] > 0.0 else NOTHING
-        taught = min(x.energy_share[q, m] / TAUGHT, 1.0)
-        x.weight[q, m] = exponential(lag) * taught * taught if lag > NOTHING else 0.0
-        total += x.weight[q, m]
+        total += weight[m]
     for m in range(s.members):
-        x.weight[q, m] /= total
+        weight[m] /= total
 
 
 @compiled
-def find_sharpest(s: BankSettings, x: BankState, q: int) -> None:
-    """Find the member of row q with the most evidence from one-step predictions alone."""
+def find_sharpest(s: BankSettings, x: BankState, q: int, surprise: Array) -> None:
+    """Find the member of row q with the most evidence from one-step predictions alone; (m,) scratch."""
+    judged, squares, logs = x.judged[q], x.evidence[q, 0], x.evidence[q, 2]
+    for m in range(s.members):
+        surprise[m] = judged * logarithm(squares[m] + TINY) + logs[m]
     least = math.inf
     for m in range(s.members):
-        if s.mixes[q, m] == 0.0:
-            continue
-        surprise = x.judged[q] * logarithm(x.evidence[q, 0, m] + TINY) + x.evidence[q, 2, m]
-        if surprise < least:
-            least = surprise
+        if s.mixes[q, m] != 0.0 and surprise[m] < least:
+            least = surprise[m]
             x.sharpest[q] = m
 
 
