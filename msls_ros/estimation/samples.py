@@ -68,7 +68,7 @@ class Preparation:
     def state_delay(self) -> Array:
         """(n,) by how much the states come after their derivatives, for certain [s]."""
         found = np.zeros(self._number)
-        found[self._kept] = self._defect.late
+        found[self._kept] = self._defect.delay.late
         return found
 
     def prepare(self, screened: Screened, learnt: bool) -> Samples:

@@ -57,8 +57,8 @@ def find(samples: Flight) -> tuple[float, Array]:
     clear_defect(defect)
     aligned = x.copy()
     observe_defect(defect, time, x, slopes, delta, np.arange(2), np.zeros((len(x), 4)), aligned)
-    assert defect.late[1] == 0.0 and (aligned[:, 1] == x[:, 1]).all(), "an angular rate is left as it is"
-    return float(defect.late[0]), aligned[:, 0]
+    assert defect.delay.late[1] == 0.0 and (aligned[:, 1] == x[:, 1]).all(), "an angular rate is left as it is"
+    return float(defect.delay.late[0]), aligned[:, 0]
 
 
 @pytest.mark.parametrize(("late", "lag"), [(0.015, 0.0), (0.03, 0.0), (-0.02, 0.0), (0.0, 0.03)])
