@@ -48,6 +48,10 @@ NOTHING = 1e-4
 FADES = 1e-4
 """What the largest change loses in a row [1]."""
 
+SEEN, PASSED, CULPRIT, WAITING, COMPLETE = range(5)
+"""Of `RepeatState.counts`: rows seen, and passed over; what set the pace last, or was stuck, from 1 on (0: none); rows
+that wait, and how many of them are complete."""
+
 
 @passed_by_reference
 class RepeatSettings(NamedTuple):
@@ -93,8 +97,7 @@ class RepeatState(NamedTuple):
     clock: Array
     """(1,) of the last row [s]."""
     counts: Integers
-    """Rows seen, passed over; what set the pace last, or was stuck, from 1 on (0: none); rows that wait, and how many
-    of them are complete."""
+    """(5,) see `SEEN`."""
 
 
 def repeat_settings(
@@ -169,7 +172,7 @@ class RepeatFilter:
 
 @compiled
 def take_row(s: RepeatSettings, x: RepeatState, time: float, row: Array) -> bool:
-    """Take a row, (c,), of a time [s]; the first ``counts[4]`` that wait are complete then, and to be dropped.
+    """Take a row, (c,), of a time [s]; the first `COMPLETE` that wait are complete then, and to be dropped.
 
     Returns
     -------
@@ -183,15 +186,15 @@ def take_row(s: RepeatSettings, x: RepeatState, time: float, row: Array) -> bool
         if s.slope[i] >= 0:
             x.moved[i] += min(max(step, 0.0), s.gap) * row[s.slope[i]]
     if not 0.0 < step <= s.gap:
-        x.counts[1] += x.counts[3]
-        x.counts[3] = 0
+        x.counts[PASSED] += x.counts[WAITING]
+        x.counts[WAITING] = 0
         for i in range(row.shape[0]):
             if s.slope[i] >= 0:
                 fill_between(s, x, i, time, row)
     measured = is_measured(s, x, row)
-    if measured and x.counts[3] < x.waits.shape[0]:
-        place = x.counts[3]
-        x.counts[3] += 1
+    if measured and x.counts[WAITING] < x.waits.shape[0]:
+        place = x.counts[WAITING]
+        x.counts[WAITING] += 1
         x.waits_time[place] = time
         for i in range(row.shape[0]):
             x.waits[place, i] = row[i]
@@ -204,24 +207,24 @@ def take_row(s: RepeatSettings, x: RepeatState, time: float, row: Array) -> bool
             fill_between(s, x, i, time, row)
         since = min(since, x.fresh[0, i])
     complete = 0
-    while complete < x.counts[3] and x.waits_time[complete] <= since:
+    while complete < x.counts[WAITING] and x.waits_time[complete] <= since:
         complete += 1
-    x.counts[4] = complete if x.counts[3] < x.waits.shape[0] else x.counts[3]
+    x.counts[COMPLETE] = complete if x.counts[WAITING] < x.waits.shape[0] else x.counts[WAITING]
     return measured
 
 
 @compiled
 def drop_complete(x: RepeatState) -> None:
     """Drop the rows that were complete, and have been used."""
-    gone = x.counts[4]
-    x.counts[4] = 0
+    gone = x.counts[COMPLETE]
+    x.counts[COMPLETE] = 0
     if gone == 0:
         return
-    for k in range(gone, x.counts[3]):
+    for k in range(gone, x.counts[WAITING]):
         x.waits_time[k - gone] = x.waits_time[k]
         for i in range(x.waits.shape[1]):
             x.waits[k - gone, i] = x.waits[k, i]
-    x.counts[3] -= gone
+    x.counts[WAITING] -= gone
 
 
 @compiled
@@ -229,7 +232,7 @@ def fill_between(s: RepeatSettings, x: RepeatState, i: int, time: float, row: Ar
     """Put what state i has been since its last measurement into the rows that wait; this row, (c,), is the next."""
     before = x.fresh[0, i]
     whole = time - before
-    for k in range(x.counts[3]):
+    for k in range(x.counts[WAITING]):
         gone = x.waits_time[k] - before
         if gone > 0.0 and x.waits_time[k] < time and row[i] != x.fresh[1, i]:
             p = gone / whole
@@ -244,12 +247,12 @@ def fill_between(s: RepeatSettings, x: RepeatState, i: int, time: float, row: Ar
 @compiled
 def is_measured(s: RepeatSettings, x: RepeatState, row: Array) -> bool:
     """Whether all of a row, (c,), was measured when it was recorded; see the module."""
-    x.counts[0] += 1
+    x.counts[SEEN] += 1
     stuck = -1
     for i in range(row.shape[0]):
         change = abs(row[i] - x.last[i])
         x.last[i] = row[i]
-        x.largest[i] = max((1.0 - FADES) * x.largest[i], change if x.counts[0] > 1 else 0.0)
+        x.largest[i] = max((1.0 - FADES) * x.largest[i], change if x.counts[SEEN] > 1 else 0.0)
         x.since[i] += 1
         if change > 0.0:
             observe_change(s, x, i, change)
@@ -258,8 +261,8 @@ def is_measured(s: RepeatSettings, x: RepeatState, row: Array) -> bool:
         elif s.sensed[i] > 0.0 and x.since[i] >= STUCK and (s.slope[i] < 0 or contradicts(s, x, i)):
             stuck = i
     if stuck >= 0:
-        x.counts[1] += 1
-        x.counts[2] = stuck + 1
+        x.counts[PASSED] += 1
+        x.counts[CULPRIT] = stuck + 1
         return False
     pacer, pace = find_pacer(s, x)
     if pacer < 0:
@@ -267,8 +270,8 @@ def is_measured(s: RepeatSettings, x: RepeatState, row: Array) -> bool:
     since = x.since[pacer]
     if since == 0 or (since >= 2 * pace and since % pace == 0):
         return True
-    x.counts[1] += 1
-    x.counts[2] = pacer + 1
+    x.counts[PASSED] += 1
+    x.counts[CULPRIT] = pacer + 1
     return False
 
 

@@ -28,12 +28,25 @@ import numpy as np
 from msls_ros.estimation.compiled import Bound, compiled, passed_by_reference
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
-from msls_ros.estimation.repeats import RepeatSettings, RepeatState, repeat_settings, repeat_state, take_row
+from msls_ros.estimation.repeats import (
+    COMPLETE,
+    CULPRIT,
+    PASSED,
+    WAITING,
+    RepeatSettings,
+    RepeatState,
+    repeat_settings,
+    repeat_state,
+    take_row,
+)
 from msls_ros.estimation.spikes import (
+    DROPPED,
     LONGEST,
     ROOM,
+    SPIKE,
     SpikeSettings,
     SpikeState,
+    forget_held,
     judge_spike,
     spike_settings,
     spike_state,
@@ -60,6 +73,16 @@ fifth of the samples shows that at e^-16 to one."""
 LONGEST_STEP = 0.3
 """Between samples that say anything of the pace [s]."""
 
+FLYING, BELOW, ABOVE, PATH = range(4)
+"""Of `FlightState.flight`: whether it flies (1; 0: no; -1: not known yet), time below and above the least speed [s],
+mean sine of the path angle."""
+LAST, PERIOD, SAID, SUM = range(4)
+"""Of `PaceState.clock`: time of the last sample that was measured, period that is believed and that was said, sum of
+the steps that are none of it [s]."""
+SEEN, SHOWN, OTHER = range(3)
+"""Of `PaceState.counts`: samples since the start, by how many another pace is shown, and how many steps are none of
+what is believed."""
+
 
 @passed_by_reference
 class FlightSettings(NamedTuple):
@@ -80,8 +103,7 @@ class FlightState(NamedTuple):
     """What is remembered of it."""
 
     flight: Array
-    """Whether it flies (1; 0: no; -1: not known yet), time below and above the least speed [s], mean sine of the path
-    angle."""
+    """(4,) see `FLYING`."""
     clock: Array
     """(1,) of the last sample [s]."""
     grounded: Integers
@@ -105,10 +127,9 @@ class PaceState(NamedTuple):
     """What is remembered of how often samples come."""
 
     clock: Array
-    """Of the last sample that was measured [s], period that is believed and that was said [s], sum of the steps that
-    are none of it [s]."""
+    """(4,) see `LAST`."""
     counts: Integers
-    """Samples since the start, by how many another pace is shown, and how many steps are none of what is believed."""
+    """(3,) see `SEEN`."""
 
 
 class Screened(NamedTuple):
@@ -178,8 +199,8 @@ class Screen:
         """Forget everything, counts too."""
         for array in (*self._flight, *self._spikes, *self._repeats, *self._pace):
             array[:] = 0
-        self._flight.flight[0] = -1.0
-        self._pace.clock[1:3] = self._period
+        self._flight.flight[FLYING] = -1.0
+        self._pace.clock[PERIOD : SAID + 1] = self._period
         self._fit_gap()
 
     def _fit_gap(self) -> None:
@@ -188,12 +209,12 @@ class Screen:
     @property
     def flying(self) -> bool:
         """Whether the last sample was of flight."""
-        return bool(self.idle or self._flight_settings.slowest == 0.0 or self._flight.flight[0] != 0.0)
+        return bool(self.idle or self._flight_settings.slowest == 0.0 or self._flight.flight[FLYING] != 0.0)
 
     @property
     def spikes(self) -> int:
         """Samples dropped as spikes."""
-        return int(self._spikes.counts[2])
+        return int(self._spikes.counts[DROPPED])
 
     @property
     def grounded(self) -> int:
@@ -203,12 +224,12 @@ class Screen:
     @property
     def repeated(self) -> int:
         """Samples that were not learnt from because a number in them had not been measured anew."""
-        return int(self._repeats.counts[1])
+        return int(self._repeats.counts[PASSED])
 
     @property
     def repeating(self) -> str:
         """Which number that was last; empty: there was none."""
-        return self._names[int(self._repeats.counts[2]) - 1] if self.repeated else ""
+        return self._names[int(self._repeats.counts[CULPRIT]) - 1] if self.repeated else ""
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -218,12 +239,12 @@ class Screen:
     @property
     def period(self) -> float:
         """Between samples that are learnt from, as it was said or has been seen [s]."""
-        return float(self._pace.clock[1])
+        return float(self._pace.clock[PERIOD])
 
     @property
     def spike(self) -> str:
         """What jumped furthest in the last spike; empty: there was none."""
-        return self._names[int(self._spikes.counts[3])] if self.spikes else ""
+        return self._names[int(self._spikes.counts[SPIKE])] if self.spikes else ""
 
     def judge(self, time: Array, x: Array, xdot: Array, delta: Array) -> Screened:
         """Judge k samples in order.
@@ -288,22 +309,21 @@ def judge_samples(
         measured = take_row(r, repeats, time[k], samples[k])
         if f.slowest > 0.0 and not is_flying(f, flight, time[k], samples[k]):
             verdict[k] = GROUNDED
-            flight.grounded[0] += 1 + spikes.counts[1]
-            spikes.counts[0] = 0
-            spikes.counts[1] = 0
-            repeats.counts[3] = 0
-            repeats.counts[4] = 0
-            pace.clock[0] = time[k]
+            flight.grounded[0] += 1 + forget_held(spikes)
+            repeats.counts[WAITING] = 0
+            repeats.counts[COMPLETE] = 0
+            pace.clock[LAST] = time[k]
             continue
         changes = False
-        for i in range(repeats.counts[4]):
-            used = judge_spike(s, spikes, repeats.waits_time[i], repeats.waits[i])
-            for j in range(used):
-                times[total] = spikes.ready_time[j]
+        for i in range(repeats.counts[COMPLETE]):
+            for j in range(judge_spike(s, spikes, repeats.waits_time[i], repeats.waits[i])):
+                if spikes.spike[j] != 0:
+                    continue
+                times[total] = spikes.held_time[j]
                 for n in range(samples.shape[1]):
-                    rows[total, n] = spikes.ready[j, n]
+                    rows[total, n] = spikes.held[j, n]
                 total += 1
-            learnt[k] += used
+                learnt[k] += 1
             changes = changes_pace(pace, repeats.waits_time[i]) or changes
         verdict[k] = LEARNT if learnt[k] > 0 else HELD if measured else REPEATED
         if changes:
@@ -314,26 +334,26 @@ def judge_samples(
 @compiled
 def changes_pace(x: PaceState, time: float) -> bool:
     """Whether samples come at another pace from this one on, of a time [s]."""
-    step = time - x.clock[0]
-    x.clock[0] = time
-    x.counts[0] += 1
-    if x.counts[0] == 1 or not 0.0 < step <= LONGEST_STEP:
+    step = time - x.clock[LAST]
+    x.clock[LAST] = time
+    x.counts[SEEN] += 1
+    if x.counts[SEEN] == 1 or not 0.0 < step <= LONGEST_STEP:
         return False
-    if step > SLOW * x.clock[1] or (step * SLOW < x.clock[1] and x.clock[1] > x.clock[2]):
-        x.counts[1] += 1
-        x.counts[2] += 1
-        x.clock[3] += step
+    if step > SLOW * x.clock[PERIOD] or (step * SLOW < x.clock[PERIOD] and x.clock[PERIOD] > x.clock[SAID]):
+        x.counts[SHOWN] += 1
+        x.counts[OTHER] += 1
+        x.clock[SUM] += step
     else:
-        x.counts[1] = max(x.counts[1] - 1, 0)
-    if 0 < x.counts[1] < SLOW_ROWS:
+        x.counts[SHOWN] = max(x.counts[SHOWN] - 1, 0)
+    if 0 < x.counts[SHOWN] < SLOW_ROWS:
         return False
-    before = x.clock[1]
-    if x.counts[1] > 0:
-        x.clock[1] = max(x.clock[3] / x.counts[2], x.clock[2])
-    x.counts[1] = 0
-    x.counts[2] = 0
-    x.clock[3] = 0.0
-    return bool(x.clock[1] != before)
+    before = x.clock[PERIOD]
+    if x.counts[SHOWN] > 0:
+        x.clock[PERIOD] = max(x.clock[SUM] / x.counts[OTHER], x.clock[SAID])
+    x.counts[SHOWN] = 0
+    x.counts[OTHER] = 0
+    x.clock[SUM] = 0.0
+    return bool(x.clock[PERIOD] != before)
 
 
 @compiled
@@ -347,23 +367,23 @@ def is_flying(s: FlightSettings, x: FlightState, time: float, sample: Array) -> 
             square += sample[s.velocity[i]] * sample[s.velocity[i]]
     speed = math.sqrt(square)
     fast = speed >= s.slowest
-    if x.flight[0] < 0.0:
-        x.flight[0] = 1.0 if speed >= CERTAIN * s.slowest else 0.0
+    if x.flight[FLYING] < 0.0:
+        x.flight[FLYING] = 1.0 if speed >= CERTAIN * s.slowest else 0.0
     if not fast:
-        x.flight[1] += step
-        x.flight[2] = 0.0
-        x.flight[3] = 0.0
-        if x.flight[1] >= GONE:
-            x.flight[0] = 0.0
+        x.flight[BELOW] += step
+        x.flight[ABOVE] = 0.0
+        x.flight[PATH] = 0.0
+        if x.flight[BELOW] >= GONE:
+            x.flight[FLYING] = 0.0
         return False
-    x.flight[1] = 0.0
-    if x.flight[0] == 0.0:
-        x.flight[2] += step
-        x.flight[3] += min(step / CLIMB_MEMORY, 1.0) * (climb_of(s, sample) / speed - x.flight[3])
-        climbs = x.flight[2] >= CLIMB_MEMORY and abs(x.flight[3]) > CLIMB
-        if climbs or x.flight[2] >= ROLLING:
-            x.flight[0] = 1.0
-    return bool(x.flight[0] > 0.0)
+    x.flight[BELOW] = 0.0
+    if x.flight[FLYING] == 0.0:
+        x.flight[ABOVE] += step
+        x.flight[PATH] += min(step / CLIMB_MEMORY, 1.0) * (climb_of(s, sample) / speed - x.flight[PATH])
+        climbs = x.flight[ABOVE] >= CLIMB_MEMORY and abs(x.flight[PATH]) > CLIMB
+        if climbs or x.flight[ABOVE] >= ROLLING:
+            x.flight[FLYING] = 1.0
+    return bool(x.flight[FLYING] > 0.0)
 
 
 @compiled

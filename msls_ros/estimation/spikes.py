@@ -61,6 +61,10 @@ REST = 50
 ROOM = 64
 """Samples held at most."""
 
+USED, HELD, SETTLED, DROPPED, SPIKE, AWAY = range(6)
+"""Of `SpikeState.counts`: samples used since the start, held, and settled of these; dropped; which number jumped
+furthest in the last spike, and in what is not settled."""
+
 
 @passed_by_reference
 class SpikeSettings(NamedTuple):
@@ -89,8 +93,7 @@ class SpikeState(NamedTuple):
     clock: Array
     """(1,) of the last sample used [s]."""
     counts: Integers
-    """Samples used since the start, held now, dropped; which number jumped furthest in the last spike, and in what is
-    held; how many of those held before have been settled now."""
+    """(6,) see `USED`."""
     last: Array
     """(c,) the last sample used."""
     jump: Array
@@ -106,15 +109,11 @@ class SpikeState(NamedTuple):
     edge_time: Array
     """(2, c) when [s]."""
     held: Array
-    """(`ROOM` + 1, c) samples held."""
+    """(`ROOM` + 1, c) samples held; the first of them, that have been settled now, until the next comes."""
     held_time: Array
     """(`ROOM` + 1,) [s]."""
-    ready: Array
-    """(`ROOM` + 1, c) samples to use now."""
-    ready_time: Array
-    """(`ROOM` + 1,) [s]."""
     spike: Integers
-    """(`ROOM` + 1,) whether each that has been settled now is dropped."""
+    """(`ROOM` + 1,) whether each that has been settled is a spike, to be dropped, and not to be used now."""
 
 
 def spike_settings(
@@ -154,11 +153,9 @@ def spike_state(count: int) -> SpikeState:
     """Return the state for samples of so many numbers, nothing seen yet."""
     last, jump, largest, returned = np.zeros((4, count))
     edge, edge_time = np.zeros((2, 2, count))
-    held, ready = np.zeros((2, ROOM + 1, count))
-    held_time, ready_time = np.zeros((2, ROOM + 1))
-    spike = np.zeros(ROOM + 1, np.int64)
+    held, held_time, spike = np.zeros((ROOM + 1, count)), np.zeros(ROOM + 1), np.zeros(ROOM + 1, np.int64)
     remembered = last, jump, np.zeros(1), largest, returned, edge, edge_time
-    return SpikeState(np.zeros(1), np.zeros(6, np.int64), *remembered, held, held_time, ready, ready_time, spike)
+    return SpikeState(np.zeros(1), np.zeros(6, np.int64), *remembered, held, held_time, spike)
 
 
 class SpikeFilter:
@@ -185,92 +182,114 @@ class SpikeFilter:
         """Forget everything."""
         for array in self._state:
             array[:] = 0
-        self._held: list[tuple[int, Array]] = []
+        self._stamps: list[int] = []
 
     @property
     def furthest(self) -> int:
         """Which number jumped furthest in the last spike."""
-        return int(self._state.counts[3])
+        return int(self._state.counts[SPIKE])
 
     def push(self, stamp: int, row: Array) -> list[tuple[int, Array]]:
         """Take a row (c,), stamped [ns]; return stamps and rows to use from now on: those that were held, and it."""
-        self._judge(self._settings, self._state, stamp * 1e-9, row)
-        self._held.append((stamp, row))
-        spikes = self._state.spike[: int(self._state.counts[5])].tolist()
-        settled, self._held = self._held[: len(spikes)], self._held[len(spikes) :]
-        self.dropped = [one for (one, _), spike in zip(settled, spikes, strict=True) if spike]
-        return [one for one, spike in zip(settled, spikes, strict=True) if not spike]
+        settled = int(self._judge(self._settings, self._state, stamp * 1e-9, row))
+        self._stamps.append(stamp)
+        stamps, self._stamps = self._stamps[:settled], self._stamps[settled:]
+        spikes = self._state.spike[:settled].tolist()
+        self.dropped = [one for one, spike in zip(stamps, spikes, strict=True) if spike]
+        return [(stamps[k], self._state.held[k].copy()) for k, spike in enumerate(spikes) if not spike]
 
 
 @compiled
 def judge_spike(s: SpikeSettings, x: SpikeState, time: float, sample: Array) -> int:
-    """Return how many samples are used now, ``x.ready``: of those held and this one, (c,); what is not settled is held.
+    """Return how many samples are settled now, the first of ``x.held``: of those held and this one, (c,).
 
-    Those held are settled in order: what jumped and came back is dropped, what stays is used, and the next is held
-    against it.
+    They are settled in order: what jumped and came back is a spike, what stays is used, and the next is held against
+    it.
     """
+    forget_settled(x)
     hold(x, time, sample)
-    number, first, ready = x.counts[1], 0, 0
-    x.counts[5] = 0
+    number, first = x.counts[HELD], 0
     while first < number:
         step = x.held_time[first] - x.clock[0]
         apart = step > s.gap or step <= 0.0  # from the last sample used: what lies between may have been motion
         growth = GROWTH
-        if not apart and x.counts[0] >= REST and find_jump(s, x, x.held[first], step):
-            end = find_end(s, x, first, number)
+        if not apart and x.counts[USED] >= REST and find_jump(s, x, x.held[first], step):
+            end, back = find_end(s, x, first, number)
             if end == number and number < x.held.shape[0]:
                 break
-            if end < 0:
-                drop(x, first, -end)
-                first = -end
+            if back:
+                drop(x, first, end)
+                first = end
                 apart = True
             else:
                 growth = math.inf
-        use(s, x, first, ready, step, apart, growth)
-        ready += 1
+        use(s, x, first, step, apart, growth)
         first += 1
-    for k in range(first, number):
-        for i in range(sample.shape[0]):
-            x.held[k - first, i] = x.held[k, i]
-        x.held_time[k - first] = x.held_time[k]
-    x.counts[1] = number - first
-    x.counts[5] = first
-    return int(ready)
+    x.counts[SETTLED] = first
+    return int(first)
 
 
 @compiled
-def find_end(s: SpikeSettings, x: SpikeState, first: int, number: int) -> int:
-    """Return which held sample settles a jump of the ``first``: less than 0 where it is back, -n by the n-th.
+def forget_settled(x: SpikeState) -> None:
+    """Drop the samples that were settled, and have been used."""
+    gone = x.counts[SETTLED]
+    x.counts[SETTLED] = 0
+    x.counts[HELD] -= gone
+    if gone == 0:
+        return
+    for k in range(x.counts[HELD]):
+        x.held_time[k] = x.held_time[k + gone]
+        for i in range(x.held.shape[1]):
+            x.held[k, i] = x.held[k + gone, i]
 
-    ``number``, of all: none yet.
-    """
-    for k in range(first + 1, number):
-        if x.held_time[k] - x.held_time[k - 1] > s.gap or x.held_time[k] <= x.held_time[k - 1]:
-            return int(k)
-        if is_back(s, x, x.held[k], x.held_time[k] - x.clock[0], k - first + 1):
-            return int(-k)
-        if not may_be_back(s, x, x.held_time[k] - x.held_time[first], x.held[k]):
-            return int(k)
+
+@compiled
+def forget_held(x: SpikeState) -> int:
+    """Start anew with the next sample, but for what jumps were like; return how many of those held are lost by that."""
+    number = x.counts[HELD] - x.counts[SETTLED]
+    x.counts[USED] = 0
+    x.counts[HELD] = 0
+    x.counts[SETTLED] = 0
     return int(number)
 
 
 @compiled
-def drop(x: SpikeState, first: int, end: int) -> None:
-    """Drop the held samples from ``first`` to before ``end``."""
-    for k in range(first, end):
-        x.spike[k] = 1
-    x.counts[2] += end - first
-    x.counts[3] = x.counts[4]
+def hold(x: SpikeState, time: float, sample: Array) -> None:
+    """Keep a sample, (c,), for later."""
+    place = x.counts[HELD]
+    for i in range(sample.shape[0]):
+        x.held[place, i] = sample[i]
+    x.held_time[place] = time
+    x.counts[HELD] = place + 1
 
 
 @compiled
-def use(s: SpikeSettings, x: SpikeState, k: int, place: int, step: float, apart: bool, growth: float) -> None:
-    """Have held sample k used, as number ``place`` of those that are ready."""
+def find_end(s: SpikeSettings, x: SpikeState, first: int, number: int) -> tuple[int, bool]:
+    """Return which held sample settles a jump of the ``first``, and whether it is back; ``number``, of all: none."""
+    for k in range(first + 1, number):
+        if x.held_time[k] - x.held_time[k - 1] > s.gap or x.held_time[k] <= x.held_time[k - 1]:
+            return int(k), False
+        if is_back(s, x, x.held[k], x.held_time[k] - x.clock[0], k - first + 1):
+            return int(k), True
+        if not may_be_back(s, x, x.held_time[k] - x.held_time[first], x.held[k]):
+            return int(k), False
+    return int(number), False
+
+
+@compiled
+def drop(x: SpikeState, first: int, end: int) -> None:
+    """Drop the held samples from ``first`` to before ``end``: a spike."""
+    for k in range(first, end):
+        x.spike[k] = 1
+    x.counts[DROPPED] += end - first
+    x.counts[SPIKE] = x.counts[AWAY]
+
+
+@compiled
+def use(s: SpikeSettings, x: SpikeState, k: int, step: float, apart: bool, growth: float) -> None:
+    """Have held sample k used."""
     x.spike[k] = 0
     remember(s, x, x.held[k], x.held_time[k], step, apart, growth)
-    for i in range(x.last.shape[0]):
-        x.ready[place, i] = x.held[k, i]
-    x.ready_time[place] = x.held_time[k]
     x.clock[0] = x.held_time[k]
 
 
@@ -289,28 +308,18 @@ def may_be_back(s: SpikeSettings, x: SpikeState, since: float, sample: Array) ->
 
 
 @compiled
-def hold(x: SpikeState, time: float, sample: Array) -> None:
-    """Keep a sample, (c,), for later."""
-    place = x.counts[1]
-    for i in range(sample.shape[0]):
-        x.held[place, i] = sample[i]
-    x.held_time[place] = time
-    x.counts[1] = place + 1
-
-
-@compiled
 def find_jump(s: SpikeSettings, x: SpikeState, sample: Array, step: float) -> bool:
     """Find what jumps furthest beyond memory, and what absurdly far, ``x.jump``; whether anything does."""
     x.furthest[0] = 1.0
-    x.counts[4] = -1
+    x.counts[AWAY] = -1
     for i in range(sample.shape[0]):
         jump = jump_of(s, x, sample, i, step)
         further = abs(jump) / limit_of(s, x, i)
         x.jump[i] = jump if further > ABSURD else 0.0
         if further > x.furthest[0]:
             x.furthest[0] = further
-            x.counts[4] = i
-    which = x.counts[4]
+            x.counts[AWAY] = i
+    which = x.counts[AWAY]
     if which < 0:
         return False
     x.jump[which] = jump_of(s, x, sample, which, step)
@@ -369,11 +378,11 @@ def remember(
     """Update the largest jumps with a sample, (c,), that is used; nothing is known of one apart from the last."""
     fade = max(1.0 - max(step, 0.0) / REMEMBERED, 0.0)
     for i in range(sample.shape[0]):
-        change = 0.0 if apart or x.counts[0] == 0 else jump_of(s, x, sample, i, step)
+        change = 0.0 if apart or x.counts[USED] == 0 else jump_of(s, x, sample, i, step)
         jump = abs(change)
         back = come_back(x, i, change, time)
         x.largest[i] = max(fade * x.largest[i], min(jump, growth * max(x.largest[i], s.least[i])))
         x.returned[i] = max(fade * x.returned[i], min(back, growth * max(x.returned[i], s.least[i])))
     for i in range(sample.shape[0]):
         x.last[i] = sample[i]
-    x.counts[0] += 1
+    x.counts[USED] += 1
