@@ -1,4 +1,4 @@
-"""What the compiled dither law is given: its parameters, what is known of B at each sample, multisines, scratch."""
+"""What the compiled dither law is given: its parameters, samples and what is known of B, multisines, scratch."""
 
 from __future__ import annotations
 
@@ -58,6 +58,39 @@ class Knowledge(NamedTuple):
     """(n, r) 1 where an abrupt change was declared."""
     output: Array
     """(n, r, 1) what the rows' states do as measured, less what is known of it; NaN where that is not there."""
+
+
+class Instant(NamedTuple):
+    """A sample to answer, and what is known at it; r rows, m effectors."""
+
+    time: float
+    """[s]"""
+    dt: float
+    """Since the last sample [s]."""
+    held: float
+    """For how long of that the last commands were held: no longer than `Law.stale_after` [s]."""
+    b: Array
+    variance: Array
+    excitation: Array
+    output: Array
+    """(r, m), (r, m), (m,), (r, 1): see `Knowledge`."""
+    alarmed: bool
+    """Whether any row has an alarm."""
+    delta: Array
+    """(m,) measured deflections [rad]."""
+    noise: Array
+    """(m,) independent, zero mean, unit rms; not read where there are multisines."""
+
+
+class Budget(NamedTuple):
+    """What the window (`dither.window`) allows."""
+
+    unit: float
+    """One over the square of the limit, by which the window is filled; 0: there is no window [s^4/m^2]."""
+    least: float
+    """One over the square of what is aimed at, by which commands are held back; 0: they are not [s^4/m^2]."""
+    together: float
+    """What holding back leaves of the sum of the squares, 0 to 1."""
 
 
 @passed_by_reference

@@ -17,7 +17,7 @@ from msls_ros.estimation.dither.answer import (
     NOT_FINITE,
     DitherBlock,
 )
-from msls_ros.estimation.dither.inputs import Comb, DitherWork, Knowledge, Law
+from msls_ros.estimation.dither.inputs import Budget, Comb, DitherWork, Instant, Knowledge, Law
 from msls_ros.estimation.dither.limits import (
     ACHIEVED,
     CAP,
@@ -77,35 +77,25 @@ def inject(
         Per sample.
     """
     for k in range(time.shape[0]):
-        answer(law, x, k, time[k], known, delta[k], noise[k], comb, work, out)
+        dt = elapse(x, time[k], law.period, law.stale_after)
+        b, variance, excitation, output = known.b[k], known.variance[k], known.excitation[k], known.output[k]
+        alarmed, held = has_alarm(known.alarm[k]), min(dt, law.stale_after)
+        at = Instant(time[k], dt, held, b, variance, excitation, output, alarmed, delta[k], noise[k])
+        answer(law, x, k, at, comb, work, out)
 
 
 @compiled
-def answer(
-    law: Law,
-    x: Effectors,
-    k: int,
-    time: float,
-    known: Knowledge,
-    delta: Array,
-    noise: Array,
-    comb: Comb,
-    work: DitherWork,
-    out: DitherBlock,
-) -> None:
-    """Answer sample k; as `inject`, of this sample alone."""
-    alarmed = has_alarm(known.alarm[k])
-    dt = elapse(x, time, law.period, law.stale_after)
-    boosted = boost(x, dt, alarmed, law.boost_duration, law.boost_budget)
+def answer(law: Law, x: Effectors, k: int, at: Instant, comb: Comb, work: DitherWork, out: DitherBlock) -> None:
+    """Answer a sample, the k-th of ``out``; as `inject`."""
+    boosted = boost(x, at.dt, at.alarmed, law.boost_duration, law.boost_budget)
     limit = limit_of(law, boosted)
     raised = boosted and not boost_ends(law, x)
     aim = limit_of(law, raised)
-    held = min(dt, law.stale_after)
-    gain = onset_gain(law, x, k, known, delta, held, work)
-    until = time - (dt - held)
-    finite, unit, together = account(law, x, k, known, limit, until, held, work)
-    if dt > law.stale_after or not law.enabled:
-        rest(law, x, until, dt - held)
+    gain = onset_gain(law, x, at, work)
+    until = at.time - (at.dt - at.held)
+    finite, budget = account(law, x, at, limit, aim, until, work)
+    if at.dt > law.stale_after or not law.enabled:
+        rest(law, x, until, at.dt - at.held)
         out.level[k] = 3 if law.enabled else 0
         out.reason[k] = GAP if law.enabled else DISABLED
         return
@@ -115,9 +105,8 @@ def answer(
         settle(x, 0.0)
         out.reason[k] = NOT_FINITE
         return
-    out.rms[k], out.reason[k] = find_rms(law, x, k, known, aim, raised, gain, alarmed, dt, work)
-    least = unit * (limit * limit) / (aim * aim) if unit > 0.0 and aim > 0.0 else unit
-    predicted = command(law, x, time, known.b[k], delta, noise, comb, unit, least, together, dt, work, out.delta[k])
+    out.rms[k], out.reason[k] = find_rms(law, x, at, aim, raised, gain, work)
+    predicted = command(law, x, at, comb, budget, work, out.delta[k])
     out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
 
 
@@ -138,114 +127,93 @@ def limit_of(law: Law, boosted: bool) -> float:
 
 
 @compiled
-def onset_gain(law: Law, x: Effectors, k: int, known: Knowledge, delta: Array, dt: float, work: DitherWork) -> float:
-    """Return the part of what is wanted that is sent at sample k, see `dither.onset`; 1 by eq 23, or if nothing is."""
+def onset_gain(law: Law, x: Effectors, at: Instant, work: DitherWork) -> float:
+    """Return the part of what is wanted that is sent now, see `dither.onset`; 1 by eq 23, or if nothing is."""
     if not law.enabled or law.worst_case:
         return 1.0
-    sure = all_known(law, known.b[k], known.variance[k])
-    return begin(law, x, sure, known.output[k], delta, dt, work.axes)
+    sure = all_known(law, at.b, at.variance)
+    return begin(law, x, sure, at.output, at.delta, at.held, work.axes)
 
 
 @compiled
 def account(
-    law: Law, x: Effectors, k: int, known: Knowledge, limit: float, until: float, dt: float, work: DitherWork
-) -> tuple[bool, float, float]:
-    """Fill in what effects may be at sample k, and enter what was felt in the ``dt`` s until then into the window.
+    law: Law, x: Effectors, at: Instant, limit: float, aim: float, until: float, work: DitherWork
+) -> tuple[bool, Budget]:
+    """Fill in what effects may be, and enter into the window what was felt while the last commands were held.
+
+    Parameters
+    ----------
+    law, x, at
+        As in `answer`.
+    limit, aim
+        Acceleration that is allowed and that is aimed at [g rms].
+    until
+        When the last commands ended [s].
+    work
+        Scratch; what effects may be is filled in.
 
     Returns
     -------
     tuple
-        Whether all of B is finite; one over the square of the limit [s^4/m^2], 0 where there is no window; what holding
-        back leaves of the sum of the squares, 0 to 1.
+        Whether all of B is finite; what the window allows.
     """
-    b, variance = known.b[k], known.variance[k]
-    finite = weigh_entries(law, x, b, variance, work.square, work.unsure, work.axes)
+    finite = weigh_entries(law, x, at.b, at.variance, work.square, work.unsure, work.axes)
     unit = 1.0 / (limit * limit * GRAVITY * GRAVITY) if finite and limit > 0.0 and not law.worst_case else 0.0
     together = 1.0
     if unit > 0.0:
-        together = enter_window(law, x, b, variance, work.unsure, unit, until, dt, work.axes)
-    return finite, unit, together
+        together = enter_window(law, x, at.b, at.variance, work.unsure, unit, until, at.held, work.axes)
+    least = unit * (limit * limit) / (aim * aim) if unit > 0.0 and aim > 0.0 else unit
+    return finite, Budget(unit, least, together)
 
 
 @compiled
 def find_rms(
-    law: Law,
-    x: Effectors,
-    k: int,
-    known: Knowledge,
-    aim: float,
-    raised: bool,
-    gain: float,
-    alarmed: bool,
-    dt: float,
-    work: DitherWork,
+    law: Law, x: Effectors, at: Instant, aim: float, raised: bool, gain: float, work: DitherWork
 ) -> tuple[float, int]:
-    """Fill in ``x.wanted`` and ``x.relief`` at sample k; return the rms of `choose` and what decides it.
+    """Fill in ``x.wanted`` and ``x.relief``; return the rms of `choose` and what decides it.
 
     Parameters
     ----------
-    law, x, k, known
+    law, x, at
         As in `answer`.
     aim, raised
         Acceleration that is aimed at [g rms], and whether it is the boosted one.
     gain
         Part that is sent, see `onset_gain`.
-    alarmed, dt
-        At this sample; since the last [s].
     work
         Scratch, with what effects may be; caps are filled in.
     """
-    b, variance = known.b[k], known.variance[k]
-    unexcited = set_caps(law, x, b, variance, known.excitation[k], raised, min(dt, law.stale_after), work.caps)
-    rms, binds = choose(law, x, b, aim * GRAVITY, work.square, work.caps)
+    unexcited = set_caps(law, x, at.b, at.variance, at.excitation, raised, at.held, work.caps)
+    rms, binds = choose(law, x, at.b, aim * GRAVITY, work.square, work.caps)
     for j in range(x.wanted.shape[0]):
         x.wanted[j] *= gain
-    lowered = relieve(law, x, b, variance, alarmed, dt)
+    lowered = relieve(law, x, at.b, at.variance, at.alarmed, at.dt)
     return rms * gain, reason(law, binds, unexcited, lowered)
 
 
 @compiled
-def command(
-    law: Law,
-    x: Effectors,
-    time: float,
-    b: Array,
-    delta: Array,
-    noise: Array,
-    comb: Comb,
-    unit: float,
-    least: float,
-    together: float,
-    dt: float,
-    work: DitherWork,
-    out: Array,
-) -> float:
+def command(law: Law, x: Effectors, at: Instant, comb: Comb, budget: Budget, work: DitherWork, out: Array) -> float:
     """Fill in the commands (m,) [rad]; return the acceleration that is predicted of them [m/s^2 rms].
 
     Parameters
     ----------
-    law, x, time, b, delta, noise, comb
+    law, x, at, comb
         As in `answer`.
-    unit, least
-        One over the square of the limit, by which the window is filled, and of what is aimed at, by which commands are
-        held back [s^4/m^2]; 0: there is no window.
-    together
-        What holding back leaves of the sum of the squares [1].
-    dt
-        Since the last sample [s].
+    budget
+        What the window allows.
     work
         Scratch, with what effects may be and caps.
     out
         The commands.
     """
-    factor = fill(x, unit * wanted_square(x, work.square)) if unit > 0.0 else 1.0
-    waves = comb_value(comb, time, x.limits[:, CORNER], work.wave)
-    predicted = send(x, delta, noise, work.wave, waves, factor, dt, work.square, work.caps, out)
-    if unit > 0.0:
-        hold_back(law, x, b, work.unsure, least, delta, dt, work.axes, out)
+    factor = fill(x, budget.unit * wanted_square(x, work.square)) if budget.unit > 0.0 else 1.0
+    waves = comb_value(comb, at.time, x.limits[:, CORNER], work.wave)
+    predicted = send(x, at, waves, factor, work, out)
+    if budget.unit > 0.0:
+        hold_back(law, x, at.b, work.unsure, budget.least, at.delta, at.dt, work.axes, out)
     if law.worst_case:
-        return worst_case(b, x.wanted, law.rows, law.station)
-    return predicted * math.sqrt(together)
+        return worst_case(at.b, x.wanted, law.rows, law.station)
+    return predicted * math.sqrt(budget.together)
 
 
 @compiled
@@ -295,31 +263,34 @@ def comb_value(comb: Comb, time: float, corners: Array, out: Array) -> bool:
 
 
 @compiled
-def send(
-    x: Effectors,
-    delta: Array,
-    noise: Array,
-    wave: Array,
-    waves: bool,
-    factor: float,
-    dt: float,
-    square: Array,
-    caps: Array,
-    out: Array,
-) -> float:
-    """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2]."""
-    decay = exponential(-dt / ACHIEVED)
+def send(x: Effectors, at: Instant, waves: bool, factor: float, work: DitherWork, out: Array) -> float:
+    """Fill in the commands (m,) [rad]; return the rms acceleration that they are predicted to make [m/s^2].
+
+    Parameters
+    ----------
+    x, at
+        As in `answer`.
+    waves
+        Whether there are multisines.
+    factor
+        By which what is wanted is sent [1].
+    work
+        What effects may be, caps, and multisines.
+    out
+        The commands.
+    """
+    decay = exponential(-at.dt / ACHIEVED)
     predicted = 0.0
     for j in range(out.shape[0]):
         x.wanted[j] *= x.relief[j]
         reached = note_reached(x, j, decay)
-        predicted += square[j] * x.wanted[j] * x.wanted[j] * reached
+        predicted += work.square[j] * x.wanted[j] * x.wanted[j] * reached
         corner = x.limits[j, SEQUENCE]
-        colour = exponential(-corner * dt) if corner > 0.0 else 0.0
-        x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * noise[j]
-        unit = wave[j] if waves else command_gain(x, j, dt) * x.sequence[j]
-        most = CREST * x.limits[j, CAP] * (command_gain(x, j, dt) if not waves else 2.0)
-        size = min(factor * x.wanted[j], max(x.wanted[j], caps[j])) if factor > 1.0 else factor * x.wanted[j]
+        colour = exponential(-corner * at.dt) if corner > 0.0 else 0.0
+        x.sequence[j] = colour * x.sequence[j] + math.sqrt(1.0 - colour * colour) * at.noise[j]
+        unit = work.wave[j] if waves else command_gain(x, j, at.dt) * x.sequence[j]
+        most = CREST * x.limits[j, CAP] * (command_gain(x, j, at.dt) if not waves else 2.0)
+        size = min(factor * x.wanted[j], max(x.wanted[j], work.caps[j])) if factor > 1.0 else factor * x.wanted[j]
         wanted = min(max(size * unit, -most), most)
-        out[j] = move(x, j, wanted, delta[j], dt)
+        out[j] = move(x, j, wanted, at.delta[j], at.dt)
     return math.sqrt(predicted)
