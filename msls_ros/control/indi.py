@@ -28,6 +28,7 @@ Smeur, Hoeppener and De Wagter, Prioritized control allocation for quadrotors su
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -42,6 +43,42 @@ from msls_ros.control.signals import PilotCommand
 
 LEAST_POWER = 1e-6
 """Control power below which there is none [1/s^4]."""
+
+
+class Prices(NamedTuple):
+    """What counts how much in the problem of the module."""
+
+    weights2: Array
+    """(3,) W^2 [1]."""
+    price: float
+    """g [1/s^4]."""
+    caution: float
+    """c [1]."""
+
+
+class Surfaces(NamedTuple):
+    """Where s surfaces are and may go [rad]."""
+
+    positions: Array
+    """(s,) s_f."""
+    preferred: Array
+    """(s,) s_trim."""
+    low: Array
+    high: Array
+    """(s,) limits; equal where one is stuck."""
+
+
+class Scratch(NamedTuple):
+    """Working memory for s surfaces, see `allocate`."""
+
+    h: Array
+    """(s, s)"""
+    f: Array
+    """(s,)"""
+    held: Whole
+    """(s,)"""
+    work: Array
+    """(s + 1, s)"""
 
 
 class Reference:
@@ -118,8 +155,7 @@ class Indi:
         self._low, self._high = np.array(aircraft.low), np.array(aircraft.high)
         self._preferred = aircraft.preferred
         self._weights2 = np.array(settings.weights) ** 2
-        self._h, self._f = np.zeros((s, s)), np.zeros(s)
-        self._held, self._work = np.zeros(s, np.int64), np.zeros((s + 1, s))
+        self._scratch = Scratch(np.zeros((s, s)), np.zeros(s), np.zeros(s, np.int64), np.zeros((s + 1, s)))
         self.unmet = np.zeros(3)
         """Of the acceleration wanted, what the surfaces cannot give [rad/s^2]."""
         self.iterations = 0
@@ -149,24 +185,9 @@ class Indi:
         b = believed.b if not believed.has_prior else believed.b0_surfaces
         power = max(float((self._weights2 * (b**2).max(axis=1)).max()), LEAST_POWER)
         s = before.copy()
-        self.iterations = invert(
-            believed.b,
-            believed.variance,
-            self._weights2,
-            filters.positions,
-            step,
-            c.price * power,
-            c.caution,
-            self._preferred,
-            low,
-            high,
-            s,
-            self.unmet,
-            self._h,
-            self._f,
-            self._held,
-            self._work,
-        )
+        prices = Prices(self._weights2, c.price * power, c.caution)
+        surfaces = Surfaces(filters.positions, self._preferred, low, high)
+        self.iterations = invert(believed.b, believed.variance, step, prices, surfaces, s, self.unmet, self._scratch)
         return s
 
 
@@ -174,26 +195,36 @@ class Indi:
 def invert(
     b: Array,
     variance: Array,
-    weights2: Array,
-    positions: Array,
     step: Array,
-    price: float,
-    caution: float,
-    preferred: Array,
-    low: Array,
-    high: Array,
+    prices: Prices,
+    surfaces: Surfaces,
     s: Array,
     unmet: Array,
-    h: Array,
-    f: Array,
-    held: Whole,
-    work: Array,
+    scratch: Scratch,
 ) -> int:
-    """Solve the problem of the module; ``s`` (s,) is start and solution, ``unmet`` (3,) what it leaves.
+    """Solve the problem of the module.
 
-    Other arrays: ``b``, ``variance`` (3, s); ``weights2``, ``step`` (3,); ``positions``, ``preferred``, ``low``,
-    ``high``, ``f``, ``held`` (s,); ``h`` (s, s), ``work`` (s + 1, s).
+    Parameters
+    ----------
+    b, variance
+        (3, s) what is believed of B, and its variances.
+    step
+        (3,) nu - w'_f [rad/s^2].
+    prices, surfaces
+        What counts how much, and where surfaces are and may go.
+    s
+        (s,) start and solution [rad].
+    unmet
+        (3,) out: what it leaves of ``step``.
+    scratch
+        See there.
+
+    Returns
+    -------
+    int
+        Iterations, see `allocate`.
     """
+    h, f, positions, weights2 = scratch.h, scratch.f, surfaces.positions, prices.weights2
     n = s.shape[0]
     for i in range(n):
         f[i] = 0.0
@@ -212,10 +243,10 @@ def invert(
         unsure = 0.0
         for row in range(b.shape[0]):
             unsure += weights2[row] * variance[row, i]
-        unsure *= caution
-        h[i, i] += price + unsure
-        f[i] += price * preferred[i] + unsure * positions[i]
-    iterations = allocate(h, f, low, high, s, held, work)
+        unsure *= prices.caution
+        h[i, i] += prices.price + unsure
+        f[i] += prices.price * surfaces.preferred[i] + unsure * positions[i]
+    iterations = allocate(h, f, surfaces.low, surfaces.high, s, scratch.held, scratch.work)
     for row in range(b.shape[0]):
         unmet[row] = step[row]
         for j in range(n):
