@@ -191,7 +191,7 @@ def from_mapping(values: Mapping[str, Any]) -> Configuration:
     EstimationError
         For a name that does not exist, a value of the wrong type or out of range.
     """
-    flat = dict(_flatten(values))
+    flat = flatten(values)
     known = {name: (value, bounds) for name, value, bounds in items(Configuration())}
     sections: dict[str, dict[str, Any]] = {}
     for name, value in flat.items():
@@ -206,12 +206,15 @@ def from_mapping(values: Mapping[str, Any]) -> Configuration:
     return dataclasses.replace(whole, **top, **changed)
 
 
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return parameters, nested or dotted, by full name."""
+    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{name}.")
+            flat |= {f"{name}.{inner}": one for inner, one in flatten(value).items()}
         else:
-            yield f"{prefix}{name}", value
+            flat[f"{name}"] = value
+    return flat
 
 
 def _convert(name: str, value: Any, default: Any) -> Any:

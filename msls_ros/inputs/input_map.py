@@ -16,11 +16,12 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
 
+from msls_ros.estimation.configuration import flatten
 from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.inputs.alignment import Track, Values
 from msls_ros.inputs.field_paths import FieldPath, VectorPath, listed
@@ -165,7 +166,7 @@ class InputMap:
         EstimationError
             For an entry that is unknown, malformed or missing; the sentence names it.
         """
-        flat = dict(_flatten(values))
+        flat = flatten(values)
         plain = {name: flat.pop(name, default) for name, default in PLAIN.items()}
         age = round(1e9 * _number("maximum_age", plain["maximum_age"], 1e-6, 10.0))
         intervals = plain["intervals"]
@@ -197,14 +198,6 @@ PLAIN: Mapping[str, Any] = {
     "vane_position": (0.0, 0.0, 0.0),
 }
 """Entries that are no lines of words, with their defaults."""
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            yield from _flatten(value, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", value
 
 
 def _parse(name: str, value: Any, make: Callable[[_Words], Any]) -> Any:
