@@ -119,7 +119,7 @@ def speed_from_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
         return 0.0
     last = x.place.shape[0] - 1
     ratio = max(x.place[last], SLOWEST) / max(x.best_place[q, i, last], SLOWEST)
-    ratios, steps = x.compared_speed[0], x.compared_speed[1]
+    ratios, steps = x.speed_logarithm[0], x.speed_logarithm[1]
     if ratio != ratios[i]:
         steps[i] = steps[i - 1] if i > 0 and ratio == ratios[i - 1] else logarithm(ratio)
         ratios[i] = ratio

@@ -143,7 +143,7 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         widened=np.ones((rows, p)),
         correction=np.zeros((rows, p)),
         best_correction=np.zeros((rows, p)),
-        compared_speed=np.ones((2, p)) * np.array([[1.0], [0.0]]),
+        speed_logarithm=np.zeros((2, p)),
         columns=np.zeros((p, p)),
         removed=np.zeros(p),
         corrected=np.zeros(p),

@@ -264,8 +264,8 @@ class BankState(NamedTuple):
     """(r, p) what noise in the regressors has taken from the estimates, see `bank.correction`, constant first."""
     best_correction: Array
     """(r, p) that of the best estimates."""
-    compared_speed: Array
-    """Scratch of `bank.elsewhere`: (2, p) ratios of speeds, and their logarithms."""
+    speed_logarithm: Array
+    """(2, p) the last ratios of speeds of `bank.elsewhere`, and their logarithms: those are slow."""
     columns: Array
     """Scratch of `bank.correction`: (p, p) columns of the inverse information, of what has noise."""
     removed: Array
