@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -22,9 +22,9 @@ PRIORS = (10.0, 300.0, 1e5)
 DRIFTS = (0.1, 1.0, 10.0)
 """Walks kappa of the constant, per sample at `DRIFT_RATE`, over the standard deviation of the residual."""
 LATERAL = ("v", "P", "R")
+"""Rows that are excited together, as all others are."""
 MOTION = ("u", "v", "w", "P", "Q", "R")
 """States whose effects on the aircraft go with airspeed, see `bank.speed`."""
-"""Rows that are excited together, as all others are."""
 SLOW = "u"
 """Speed changes by whatever an aircraft does: it says nothing of what excites its row's axis (with it the error of Q by
 the elevator at the end of a flight test is .06, without .02)."""
@@ -66,6 +66,10 @@ COLOUR_MEMORY = 4.0
 """[s]"""
 LEARNING = 1.0
 """After a first excitation [s]; the longest window of the detector besides."""
+
+
+Grid = Sequence[tuple[float, float, float, int]]
+"""Members, see `bank_grid`."""
 
 
 class Look(NamedTuple):
@@ -201,7 +205,7 @@ def bank_grid(
 def make_bank_settings(
     scale: Array,
     period: float,
-    grid: Sequence[tuple[float, float, float, int]],
+    grid: Grid,
     *,
     axes: Sequence[int] | None = None,
     counts: Sequence[int] | None = None,
@@ -256,6 +260,34 @@ def make_bank_settings(
     threshold
         Of the detector.
     """
+    return BankSettings(
+        period=period,
+        straddle=straddle,
+        effectors_from=effectors[0],
+        effectors_to=effectors[1],
+        detect=detect,
+        threshold=threshold,
+        **_members(scale, period, grid, axes, counts),
+        **_evidence(period),
+        **_detection(len(scale), period, straddle, differenced),
+        **_envelope(scale, period, velocities, exponents, axial),
+        **_kinematics(len(scale), rates, turning or {}),
+        **_noise(period, straddle),
+        **_responses(len(scale), period, straddle, differenced),
+        **_losses(period, straddle, grid, surfaces, effectors[1] - effectors[0]),
+        followed_row=-1,
+        followed_column=-1,
+    )
+
+
+def _members(
+    scale: Array,
+    period: float,
+    grid: Grid,
+    axes: Sequence[int] | None,
+    counts: Sequence[int] | None,
+) -> dict[str, Any]:
+    """Return what the members are, and in which rows they have a share; as `make_bank_settings`."""
     whole = [*grid, *[grid[-1]] * (-len(grid) % LANES)]
     tau, pi, kappa, kind = (np.array(column, dtype=np.float64) for column in zip(*whole, strict=True))
     sigma = np.concatenate([[0.0], SIGMA * scale[:-1]])
@@ -265,70 +297,101 @@ def make_bank_settings(
     axis = np.maximum(kind - 1, 0).astype(np.int64)
     mixes = (kind == FREE) | ((kind > FREE) & (axis == row_axis[:, None]))
     mixes[:, len(grid) :] = False
-    least = min((FEWEST - 0.5) * period, LOSSES[0].memory)
-    losses = WINDOWED if straddle > 0 else [one for one in LOSSES if one.memory >= least]
-    near = [_nearest(grid, one.memory, one.walk) for one in losses]
-    late = max(1, round(LATE / period))
-    quick = (QUICK if straddle > 0 else max(QUICK, QUICK_SAMPLES * period)) + straddle * period
-    ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
-    third, second, white_spread, slope_noise = _window_noise(straddle)
-    parts = turning or {}
-    stride, count = max(1, round(STRIDE / period)), effectors[1] - effectors[0]
-    return BankSettings(
-        period=period,
+    return dict(
         members=len(grid),
         forgetting=np.array([math.exp(-period / t) for t in tau.tolist()]),
         held=(kind > FREE).astype(np.int64),
         axis=axis,
         row_axis=row_axis,
-        kind=np.array([int(len(differenced) > 0 and row not in differenced) for row in range(len(scale))], np.int64),
         counts=np.ones(len(scale), np.int64) if counts is None else np.array(counts, np.int64),
         mixes=mixes.astype(np.float64),
         drift=kappa * math.sqrt(period * DRIFT_RATE),
         prior=prior,
         sigma=sigma,
         wind_up=WIND_UP,
+        reference=np.array([_widest(grid, 1 + of) for of in (0, 1)], np.int64),
+        recent=_nearest(grid, LOSSES[-1].memory, 1.0),
+        batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
+        batch_factor=np.array([factor for _, factor in BATCHES]),
+    )
+
+
+def _evidence(period: float) -> dict[str, Any]:
+    """Return what the members are judged by."""
+    return dict(
         judging=math.exp(-period / JUDGING),
         delay=max(2, round(DELAY / period)),
         power=POWER * min(1.0, period * POWER_RATE),
         quiet=QUIET,
         energy=np.array([min(period / memory, 1.0) for memory in ENERGY]),
-        detect=detect,
+        residual_forgetting=math.exp(-period / RESIDUAL_MEMORY),
+        colour_forgetting=math.exp(-period / COLOUR_MEMORY),
+    )
+
+
+def _detection(rows: int, period: float, straddle: int, differenced: Sequence[int]) -> dict[str, Any]:
+    """Return what abrupt changes are seen by."""
+    return dict(
         windows=np.array(WINDOWS, np.int64),
-        quantiles=_quantiles(len(scale), straddle, differenced),
-        differenced=np.array([int(row in differenced) for row in range(len(scale))], np.int64),
+        quantiles=_quantiles(rows, straddle, differenced),
+        differenced=np.array([int(row in differenced) for row in range(rows)], np.int64),
         mean_forgetting=max(1.0 - period / MEAN_BASE, 0.0),
-        threshold=threshold,
         floor=FLOOR,
         base=max(1.0 - period / BASE, 0.0),
         rest=REST,
-        residual_forgetting=math.exp(-period / RESIDUAL_MEMORY),
-        colour_forgetting=math.exp(-period / COLOUR_MEMORY),
-        effectors_from=effectors[0],
-        effectors_to=effectors[1],
-        reference=np.array([_widest(grid, 1 + of) for of in (0, 1)], np.int64),
-        recent=_nearest(grid, LOSSES[-1].memory, 1.0),
         learning=round(LEARNING / period) + WINDOWS[-1],
-        straddle=straddle,
+    )
+
+
+def _envelope(
+    scale: Array, period: float, velocities: Sequence[int], exponents: Sequence[int], axial: int
+) -> dict[str, Any]:
+    """Return what says where in the envelope the aircraft is, and what goes with airspeed."""
+    return dict(
         velocities=np.array(velocities, np.int64) + 1,
         speed=np.array([scale[i] for i in velocities], dtype=np.float64),
         scaled=any(exponents),
         exponent=np.array([0, *(exponents or [0] * (len(scale) - 1))], np.int64),
         place=min(period / PLACE, 1.0),
         axial=axial,
+    )
+
+
+def _kinematics(
+    regressors: int, rates: Sequence[int], turning: Mapping[tuple[int, int], tuple[int, float]]
+) -> dict[str, Any]:
+    """Return what is known of the derivatives without learning."""
+    sources = {place: source + 1.0 for place, (source, _) in turning.items()}
+    factors = {place: factor for place, (_, factor) in turning.items()}
+    return dict(
         rates=np.array(rates, np.int64) + 1,
-        coupled=_coupled(rates, len(scale)),
-        turning=_by_regressor({place: source + 1.0 for place, (source, _) in parts.items()}, len(scale)).astype(
-            np.int64
-        ),
-        turned=_by_regressor({place: factor for place, (_, factor) in parts.items()}, len(scale)),
-        quick=min(period / quick, 1.0),
+        coupled=_coupled(rates, regressors),
+        turning=_by_regressor(sources, regressors).astype(np.int64),
+        turned=_by_regressor(factors, regressors),
+    )
+
+
+def _noise(period: float, straddle: int) -> dict[str, Any]:
+    """Return what noise of sensors is told by, and what becomes of it where inputs have passed a window."""
+    third, second, white_spread, slope_noise = _window_noise(straddle)
+    return dict(
         third=third,
         second=second,
         white_spread=white_spread,
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         rest_block=max(round(RESTS / period), FEWEST_RESTING),
+    )
+
+
+def _responses(rows: int, period: float, straddle: int, differenced: Sequence[int]) -> dict[str, Any]:
+    """Return how late responses to deflections may be, and by what that is seen."""
+    late = max(1, round(LATE / period))
+    quick = (QUICK if straddle > 0 else max(QUICK, QUICK_SAMPLES * period)) + straddle * period
+    ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
+    return dict(
+        kind=np.array([int(len(differenced) > 0 and row not in differenced) for row in range(rows)], np.int64),
+        quick=min(period / quick, 1.0),
         late=late,
         lags=np.array([(0.0, 0.0, 1.0), *(_lag(lag, period) for lag in LAGS)]),
         responses=np.array(
@@ -346,8 +409,18 @@ def make_bank_settings(
         late_noise=_unlike(straddle, late),
         late_part=DELAY_OF_RECORDS / (late * period),
         late_apart=DELAY_OF_SENSORS / (late * period),
-        gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
-        shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), count),
+    )
+
+
+def _losses(period: float, straddle: int, grid: Grid, surfaces: Sequence[Surface], effectors: int) -> dict[str, Any]:
+    """Return what losses of surfaces are looked for by."""
+    least = min((FEWEST - 0.5) * period, LOSSES[0].memory)
+    losses = WINDOWED if straddle > 0 else [one for one in LOSSES if one.memory >= least]
+    near = [_nearest(grid, one.memory, one.walk) for one in losses]
+    stride = max(1, round(STRIDE / period))
+    return dict(
+        gains=np.array([one.gains for one in surfaces], dtype=np.float64).reshape(len(surfaces), effectors),
+        shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), effectors),
         loss_members=np.array(near, np.int64),
         loss_delays=np.array([max(1, round(one.back / period / stride)) for one in losses], np.int64),
         loss_tests=np.array([max(3, round(one.stands / (EVERY * period))) for one in losses], np.int64),
@@ -356,10 +429,6 @@ def make_bank_settings(
         loss_limits=np.array([(one.limit, one.sure) for one in losses]),
         stride=stride,
         persistence=max(3, round(LOSSES[0].memory / (EVERY * period))),
-        batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
-        batch_factor=np.array([factor for _, factor in BATCHES]),
-        followed_row=-1,
-        followed_column=-1,
     )
 
 
@@ -470,13 +539,13 @@ def _exponents(c: Configuration) -> list[int]:
     return [int(name in MOTION) for name in c.rows] + [0 if name in thrust else 2 for name in c.effectors]
 
 
-def _nearest(grid: Sequence[tuple[float, float, float, int]], memory: float, walk: float) -> int:
+def _nearest(grid: Grid, memory: float, walk: float) -> int:
     """Return the freest member of about that memory [s] and walk, of those that are not held if there are any."""
     far = [(kind > FREE, abs(tau - memory), -pi, abs(kappa - walk)) for tau, pi, kappa, kind in grid]
     return far.index(min(far))
 
 
-def _widest(grid: Sequence[tuple[float, float, float, int]], kind: int) -> int:
+def _widest(grid: Grid, kind: int) -> int:
     """Return the member of the longest memory and the widest prior, of that kind if there is one."""
     width = [(of == kind, tau, -kappa, pi) for tau, pi, kappa, of in grid]
     return width.index(max(width))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -13,13 +14,21 @@ from msls_ros.estimation.compiled import compiled
 
 def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
     """Allocate a state; `clear_bank` makes it valid."""
-    p, m = s.prior.shape
-    w, effectors = int(s.windows[-1]), s.effectors_to - s.effectors_from
-    kept = int(max(s.loss_delays, default=0)) + 1
-    others = len(s.responses) - len(s.lags) + 1
-    early = int(-s.responses[:others, 1].min())
-    back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
     return BankState(
+        **_estimates(s, rows, groups),
+        **_energies(s, rows, groups),
+        **_detection(s, rows),
+        **_responses(s, rows, groups),
+        **_noise(s, rows),
+        **_losses(s, rows, groups),
+        **_errors(s, rows, groups),
+    )
+
+
+def _estimates(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
+    """Allocate members, their evidence and the mixture of them."""
+    p, m = s.prior.shape
+    return dict(
         R=np.zeros((groups, p, p, m)),
         info=np.zeros((groups, p, m)),
         deviation=np.zeros((groups, m)),
@@ -39,6 +48,13 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         weight=np.zeros((rows, m)),
         evidence=np.zeros((rows, 3, m)),
         judged=np.zeros(rows),
+    )
+
+
+def _energies(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
+    """Allocate energies that say what is excited."""
+    p = s.prior.shape[0]
+    return dict(
         mean=np.zeros(rows),
         now=np.zeros(rows),
         foreseen=np.zeros(rows),
@@ -51,6 +67,14 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         output_error=np.zeros(rows),
         energy_share=np.ones((rows, s.forgetting.shape[0])),
         axis_gate=np.ones((groups, 2)),
+    )
+
+
+def _detection(s: BankSettings, rows: int) -> dict[str, Any]:
+    """Allocate prediction errors, and what is looked for in them."""
+    p = s.prior.shape[0]
+    w = int(s.windows[-1])
+    return dict(
         ring=np.zeros((rows, w)),
         surprise=np.zeros((rows, w)),
         allowed=np.zeros((rows, w)),
@@ -66,6 +90,17 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         e=np.zeros(rows),
         residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
+    )
+
+
+def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
+    """Allocate lags and delays between deflections and outputs."""
+    p, m = s.prior.shape
+    effectors = s.effectors_to - s.effectors_from
+    others = len(s.responses) - len(s.lags) + 1
+    early = int(-s.responses[:others, 1].min())
+    back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
+    return dict(
         quick=np.zeros(p),
         quick_past=np.zeros((s.late, effectors)),
         quick_late=np.zeros(effectors),
@@ -109,6 +144,14 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         unexplained=np.zeros(effectors),
         unlike=np.zeros((2, rows, effectors)),
         late_square=np.zeros((2, rows, p)),
+    )
+
+
+def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
+    """Allocate noise in deflections, states and outputs, and what it takes from estimates."""
+    p = s.prior.shape[0]
+    effectors = s.effectors_to - s.effectors_from
+    return dict(
         deflections=np.zeros((3, effectors)),
         quantum=np.zeros((6, effectors)),
         recorded=np.zeros((2, effectors)),
@@ -148,6 +191,14 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         removed=np.zeros(p),
         corrected=np.zeros(p),
         uncorrected=np.zeros(p),
+    )
+
+
+def _losses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
+    """Allocate what is kept through an alarm, and what losses of surfaces are looked for in."""
+    p = s.prior.shape[0]
+    kept = int(max(s.loss_delays, default=0)) + 1
+    return dict(
         carried=np.full((rows, p), np.inf),
         pending=np.zeros(rows, np.int64),
         theta_before=np.zeros((rows, p)),
@@ -165,6 +216,13 @@ def make_bank_state(s: BankSettings, rows: int, groups: int) -> BankState:
         motion=np.zeros((groups, len(s.loss_members), 2, p)),
         run=np.zeros((len(s.loss_members), 2), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
+    )
+
+
+def _errors(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
+    """Allocate counts of samples, what estimates are known to, and where they were known best."""
+    p = s.prior.shape[0]
+    return dict(
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
         learning=np.zeros(1, np.int64),
