@@ -209,6 +209,7 @@ def _write(
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:
         warnings.append(f"{reader.path}: not one sample; {why_none(source.topics, gate, reasons)}")
+    warnings += source.warnings
     if 2 * output.grounded > output.samples:
         c = configuration
         slow = f"slower than {c.flying_speed * c.reference_speed:.3g} m/s, or not seen to climb after it"

@@ -160,6 +160,11 @@ class Source(Protocol):
         """Samples over which one of its samples was smoothed."""
         ...
 
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What is wrong with the inputs, as far as it has been seen."""
+        ...
+
     def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
         """Yield the samples that a batch completes, but for some that may wait for the next batch."""
         ...
@@ -184,6 +189,7 @@ class SampleSource:
 
     longest_run = PENDING
     straddle = 0
+    warnings: Sequence[str] = ()
 
     def __init__(self, topics: InputTopics, gate: Synchronizer) -> None:
         """Begin; see the class."""
@@ -291,6 +297,11 @@ class MappedSource:
             except BagError as error:
                 message = f"{error} (--definitions)"
                 raise BagError(message) from error
+
+    @property
+    def warnings(self) -> list[str]:
+        """A sentence for each topic that is too slow for the rate of the samples."""
+        return list(self._adapter.too_slow.values())
 
     def segments(self, batch: Sequence[BagMessage]) -> Iterator[PairedBlock]:
         """Yield the samples that a batch completes."""

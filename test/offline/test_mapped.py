@@ -18,6 +18,7 @@ from msls_ros.estimation import Identifier
 from msls_ros.inputs import InputAdapter, Synchronizer, adapt
 from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.profiles import read_inputs, read_profile
+from msls_ros.offline.replay import ReplayOptions, replay
 
 ENCODERS = {"odometry_jointstate": made.standard, "mavros_fixed_wing": made.mavros, "px4_odometry": made.px4}
 NAMES = ("elevator", "aileron", "rudder")
@@ -66,6 +67,19 @@ def test_a_bag_of_other_types_replays_by_its_profile(
     assert len(given["/dither"]) == len(samples)
     assert given["/model"][-1][1]["a"] == ("float64", model.a.tobytes())
     assert given["/model"][-1][1]["b_std"] == ("float64", model.b_std.tobytes())
+
+
+def test_a_topic_that_is_too_slow_for_the_rate_is_a_warning_as_in_flight_and_in_the_report(
+    flight: Flight, tmp_path: Path
+) -> None:
+    """Joints of 50 Hz, of which one message in five has come."""
+    configuration, inputs = read_profile("odometry_jointstate"), read_inputs("odometry_jointstate")
+    assert inputs is not None
+    sent = made.standard(replace(flight, effectors=NAMES))
+    come = (one for one in sent if one[1] != "/joint_states" or one[0] // 20_000_000 % 5 == 0)
+    bag = write_bag(tmp_path / "bag", come, tmp_path / "definitions")
+    (said,) = replay(bag, tmp_path / "out", configuration, ReplayOptions(inputs=inputs)).warnings
+    assert said.startswith("/joint_states comes at 10 Hz, too slow for sample_rate, 100 Hz: samples wait for its next")
 
 
 def test_the_new_bag_keeps_the_inputs_so_that_merged_it_replays_by_itself(
