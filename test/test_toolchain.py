@@ -227,9 +227,13 @@ getattr(module, "main", bool)()
 """
 
 
-@pytest.mark.parametrize(
-    "name", ["testing", *(f"commands.{n}" for n in ("controller", "demo", "identifier", "mixer", "pilot", "plant"))]
-)
+NEED_MESSAGES = {
+    "commands": ("controller", "demo", "identifier", "mixer", "pilot", "plant"),
+    "nodes": ("controller", "identifier", "mixer", "pilot", "plant", "recorder", "watching"),
+}
+
+
+@pytest.mark.parametrize("name", ["testing", *(f"{room}.{n}" for room, own in NEED_MESSAGES.items() for n in own)])
 def test_where_the_messages_are_not_built_it_is_said_how_to_build_them(name: str) -> None:
     command = [sys.executable, "-c", WITHOUT_MESSAGES, f"msls_ros.{name}", "--help"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)

@@ -17,7 +17,6 @@ from msls_ros.commands.arguments import OneLineParser, count, seed
 from msls_ros.commands.compiling import compile_once
 from msls_ros.commands.interrupted import Interrupted
 from msls_ros.fleet import FleetError
-from msls_ros.nodes.loopback import stay_on_this_machine
 from msls_ros.plant import NOISE_LEVELS
 
 CONTROL = ("failures", "random", "latency", "gusts", "no_dither", "intact", "learn", "beds")
@@ -206,6 +205,8 @@ def _campaign(arguments: argparse.Namespace) -> Any:
 
 
 def _faults(arguments: argparse.Namespace) -> Any:
+    from msls_ros.nodes.loopback import stay_on_this_machine  # the other benchmarks need no messages
+
     stay_on_this_machine()
     module = importlib.import_module("benchmarks.faults")
     sizes = {name: getattr(arguments, name) for name, _, _ in FAULT_SIZES}
