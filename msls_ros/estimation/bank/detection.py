@@ -78,6 +78,11 @@ SMOOTHED_PAIR = 0.6
 16 intact flights of 300 s in moderate air, none and low noise, seeds 904 to 907: 3 false alarms, 7 with .41. Faults of
 the F-16 seen, seeds 811 and 812: 22 of 36, not 23, half ailerons of four and of thirteen other aircraft as before.
 """
+RESOLUTION = 1e-10
+"""Square of the change that counts at least [(m/s^2)^2, (rad/s^2)^2]: of 1 micro-g, the best that a sensor resolves.
+
+A simulated aircraft in trim has no residual but that of arithmetic, which changes.
+"""
 UNKNOWN = 60.0
 """Exponent beyond which a quantile of Student's t is as good as infinite: next to nothing is known of the variance."""
 BY_NOISE = 9.0
@@ -349,7 +354,7 @@ def change_of(
     taken = 1
     largest = 0.0
     usual = x.base[q, 2] / x.base[q, 1]
-    floor = s.floor * s.floor * x.remembered[q]
+    floor = s.floor * s.floor * x.remembered[q] + RESOLUTION
     for i in range(s.windows.shape[0]):
         while taken < s.windows[i]:
             slot = (x.counted[q] - taken) % size
@@ -371,7 +376,7 @@ def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, moved: 
     allowed = moved
     taken = 1
     largest = 0.0
-    floor = s.floor * s.floor * x.remembered[q]
+    floor = s.floor * s.floor * x.remembered[q] + RESOLUTION
     sums = x.mean_base[q]
     for i in range(1, s.windows.shape[0]):
         while taken < s.windows[i]:

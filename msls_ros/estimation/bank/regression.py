@@ -111,6 +111,7 @@ class BankRegression:
         x, first = self.state, np.roll(theta, 1, axis=1)
         x.theta[:] = theta
         x.mixed[:] = first
+        x.origin[:] = first
         x.members[:] = first[:, :, None]
         x.past[:] = first[None, :, :, None]
         x.R[0] = factor[:, :, None]

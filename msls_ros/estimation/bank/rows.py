@@ -360,6 +360,7 @@ def restart_row(x: BankState, q: int) -> None:
         x.square_moved[q, i] = math.inf
         x.square_past[0, q, i] = math.inf
         x.square_past[1, q, i] = math.inf
+        x.origin[q, i] = x.mixed[q, i]
     for m in range(members):
         for k in range(3):
             x.evidence[q, k, m] = 0.0

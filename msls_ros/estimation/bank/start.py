@@ -42,6 +42,7 @@ def _estimates(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         errors=np.zeros((rows, m)),
         past=np.zeros((s.delay + 1, rows, p, m)),
         mixed=np.zeros((rows, p)),
+        origin=np.zeros((rows, p)),
         known=np.ones((rows, p)),
         theta=np.zeros((rows, p)),
         sharpest=np.zeros(rows, np.int64),

@@ -42,6 +42,8 @@ class BankState(NamedTuple):
     """(d+1, r, p, m) their estimates over the last samples, a ring."""
     mixed: Array
     """(r, p) the estimates, constant first."""
+    origin: Array
+    """(r, p) where they began, to which priors draw them, constant first."""
     known: Array
     """(r, p) information of the mixture, sum of shares times information, constant first."""
     theta: Array
