@@ -7,6 +7,7 @@ leads to are tried, and the one under which all hold is named.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import permutations, product
 
 import numpy as np
@@ -95,8 +96,9 @@ def _better(
     best, changed = now["force"], ("", "")
     for other, entry, words in tried:
         misfits = motion.misfits(other)
-        if misfits["force"] < best and all(misfits.get(name, 0.0) < value + 0.02 for name, value in now.items()):
-            best, changed = misfits["force"], (entry, words)
+        one = misfits.get("force", best)
+        if one < best and all(misfits.get(name, 0.0) < value + 0.02 for name, value in now.items()):
+            best, changed = one, (entry, words)
     if best < _MENDED * now["force"]:
         what = f"{_WORDS['axis']}: one change brings the misfit of the forces from {now['force']:.2g} to {best:.2g}"
         yield Finding(WRONG, "motion", changed[0], what, ": ".join(changed))
@@ -195,14 +197,16 @@ def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | Non
         elif signal == "velocity":
             reading = reading.but(velocity_frame=stream.earth or stream.body or "frd")
     begin = max(int(one.stamps[0]) for one in flat.values())
-    wind = _wind_of(record, begin * 1e-9 + grid[0]) if "velocity" in record.series else None
+    wind = wind_of(record, begin * 1e-9 + grid[0]) if "velocity" in record.series else None
     if "velocity" in chosen and "airspeed" in record.series:
         air = record.series["airspeed"]
         joined["airspeed"] = np.interp(begin * 1e-9 + grid[0], air.time, air.values[:, 0])[:, None]
-    return Motion(step, **joined, vane=record.inputs.vane_position, wind=wind), reading, entries
+    apart = 2 * max(1, round(period / step))
+    motion = Motion(step, **joined, vane=record.inputs.vane_position, wind=wind, apart=apart)
+    return motion, reading, entries
 
 
-def _wind_of(record: Record, time: Array) -> Array | None:
+def wind_of(record: Record, time: Array) -> Array | None:
     """Return the wind (k, 3) in NED at instants [s]; None: it is not mapped."""
     series = record.series.get(WIND)
     if series is None:
@@ -346,6 +350,7 @@ def _delays(
 ) -> Iterator[Finding]:
     """Yield the streams that are late against the attitude; of those in one equation the one that mends it best."""
     most = int(_LAG / motion.step)
+    motion = replace(motion, apart=0)  # less noise, what is left of a sound log is small, and any part of it
     tried: dict[str, list[tuple[str, ...]]] = {
         "rates": [("rates",)], "force": [("force",), AIR_DATA, *((name,) for name in AIR_DATA)],
     }  # fmt: skip

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.check_effectors import effectors_of
+from msls_ros.inputs.check_motion import wind_of
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
 from msls_ros.inputs.frames import BODY
-from msls_ros.inputs.motion import misfit, windowed
+from msls_ros.inputs.input_map import AIR_DATA, WIND
+from msls_ros.inputs.motion import Motion, Reading, beyond_noise, misfit, noise_of, windowed
 from msls_ros.inputs.series import Record, Series, on_grid
 
 _STEP = 0.01
@@ -21,8 +24,12 @@ _LATEST = 0.25
 _WORTH = 0.02
 """Delay worth naming [s]."""
 _MOST = 20000
-_GAIN = 0.08
-"""Share of the residual that the delay must explain."""
+_GAIN, _LEAST = 0.08, 0.005
+"""Share of the residual, and of the angular accelerations, that the delay must explain."""
+_FOUND = 0.06
+"""Delay up to which the identifier finds it itself, and takes it back [s]."""
+_PART = 0.7
+"""Share of a regressor that is taken for noise, at most."""
 _SURE = 0.5
 """Share from which it is sure: a law that answers a fault nobody measures gave 0.38, real delays give 0.65 and more."""
 _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2, "rudder": 2}
@@ -38,72 +45,179 @@ _FACTORS = {"-1": -1.0, "0.0174533": np.pi / 180.0, "57.2958": 180.0 / np.pi, "9
 
 def check_response(record: Record) -> Iterator[Finding]:
     """Yield the delay from the surfaces to the angular accelerations, where it is not what the map says."""
-    rates = [n for n in ("angular_velocity", "states.P", "states.Q", "states.R") if n in record.series]
-    surfaces = {n: s for n, s in effectors_of(record).items() if np.ptp(s.values) > 0.0 and not s.stream.track.held}
-    if not rates or not surfaces:
+    response = _response(record)
+    if response is None:
         return
-    chosen: dict[str, Series] = {n: record.series[n] for n in rates}
-    chosen.update((f"effectors.{n}", s) for n, s in surfaces.items())
-    if any(len(s.stamps) < 50 for s in chosen.values()):
-        return
-    slowest = max(float(np.median(np.diff(s.stamps))) * 1e-9 for s in chosen.values())
-    grid = on_grid(chosen, max(_STEP, 0.25 * slowest), _MOST)
-    if grid is None:
-        return
-    step = float(grid[0][1])
-    turn = np.concatenate([grid[1][n] for n in rates], axis=1)
-    delta = np.concatenate([grid[1][f"effectors.{n}"] for n in surfaces], axis=1)
-    lags, scores = _residuals(turn, delta, step)
-    best, none = int(np.argmin(scores)), int(np.argmin(np.abs(lags)))
-    gain = 1.0 - scores[best] / scores[none] if scores[none] > 0.0 else 0.0
-    lag = float(lags[best])
+    scores = response.scores()
+    best, none = int(np.argmin(scores)), len(scores) // 2
+    lag = (best - none) * response.step
+    explained = scores[none] - max(scores[best], 0.0)
+    gain = explained / scores[none] if explained > _LEAST else 0.0
     where = "inputs.effectors"
-    if turn.shape[1] == 3 and scores[best] < 0.5:
-        signs = np.array(BODY[chosen[rates[0]].stream.body or "frd"]) if len(rates) == 1 else np.ones(3)
-        yield from _names(list(surfaces), *_effects(turn * signs, delta, step, round(lag / step)), delta.std(axis=0))
+    if response.turn.shape[1] == 3 and scores[best] < 0.5:
+        effects = response.effects(best - none)
+        yield from _names(response.names, *effects, response.delta.std(axis=0))
     if scores[best] > 0.9:
         yield Finding(NOTE, "response", where, "the surfaces explain less than a tenth of the angular accelerations")
-    elif gain < _GAIN or abs(lag) < max(_WORTH, step):
+    elif gain < _GAIN or abs(lag) < max(_WORTH, response.step):
         yield Finding(NOTE, "delay", where, f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s")
+    elif not response.moves:
+        what = "whether the aircraft answers the surfaces when the map says is not seen without its velocity"
+        yield Finding(NOTE, "delay", where, what)
     else:
         word = "after" if lag > 0.0 else "before"
         what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: B is wrong by it"
-        level = WRONG if gain > _SURE else DOUBTFUL
-        yield Finding(level, "delay", where, what, f"delay smaller by {lag:.3f} s in the topic's line")
+        mend = f"delay smaller by {lag:.3f} s in the topic's line"
+        if lag > 0.0 and response.following(best - none) < scores[best]:
+            what = what.replace("B is wrong by it", "they are commands, which servos follow")
+            yield Finding(DOUBTFUL, "delay", where, what, f"map measured deflections; where there are none, {mend}")
+            return
+        level = WRONG if gain > _SURE and not 0.0 < lag < _FOUND else DOUBTFUL
+        yield Finding(level, "delay", where, what, mend)
 
 
-def _residuals(turn: Array, delta: Array, step: float) -> tuple[Array, Array]:
-    """Return delays (l,) [s] and the share (l,) of the angular accelerations that is left unexplained."""
-    width = max(2, round(_WINDOW / step))
-    most = max(1, round(_LATEST / step))
-    slope = (turn[width:] - turn[:-width]) / (width * step)
-    states, held = windowed(turn, width), windowed(delta, width)
-    inner = slice(most, len(slope) - most)
-    y = slope[inner] - slope[inner].mean(axis=0)
-    scale = np.square(y).sum(axis=0)
-    lags, scores = [], []
-    for steps in range(-most, most + 1):
-        own = held[most - steps : len(held) - most - steps]
-        x = np.column_stack([states[inner], own])
+@dataclass(frozen=True)
+class _Response:
+    """Rates, velocities and surfaces at common instants; k of them.
+
+    Over a window ``slope of rates = A mean of states + B mean of surfaces``, without an error of discretisation. All
+    states are needed: damping and a law that feeds rates back make of rates and surfaces alone a delay that is none. A
+    noise in the states makes A smaller and a delay of the rest; its part in the products of the means is taken off.
+    """
+
+    step: float
+    """[s]"""
+    names: list[str]
+    """Of the surfaces."""
+    turn: Array
+    """(k, 1 to 3) rates, FRD."""
+    moves: list[Array]
+    """(k, c) of each stream of velocity; none where they are not mapped."""
+    delta: Array
+    """(k, m)"""
+    noise: Array
+    """Variance of the noise of a sample of each column of the three, times its period [s]."""
+
+    def means(self) -> tuple[Array, Array, Array]:
+        """Return the slopes (l, .), and the means of the states (l, .) and of the surfaces (l, m)."""
+        width = self.width
+        slope = (self.turn[width:] - self.turn[:-width]) / (width * self.step)
+        return slope, windowed(np.column_stack([self.turn, *self.moves]), width), windowed(self.delta, width)
+
+    @property
+    def width(self) -> int:
+        """Steps of a window."""
+        return max(2, round(_WINDOW / self.step))
+
+    @property
+    def most(self) -> int:
+        """Steps of the largest delay."""
+        return max(1, round(_LATEST / self.step))
+
+    def scores(self) -> Array:
+        """Return the share of the angular accelerations that is left unexplained, by delay, from the most negative."""
+        slope, states, held = self.means()
+        most = self.most
+        return np.array([self._left(slope, states, held, steps) for steps in range(-most, most + 1)])
+
+    def following(self, steps: int) -> float:
+        """Return the least share left if servos follow the surfaces, in place of some or all of a delay of as much."""
+        slope, states, held = self.means()
+        shares = []
+        for lag in (max(1, steps // 2), steps):
+            behind, stays = held.copy(), float(np.exp(-1.0 / lag))
+            for k in range(1, len(held)):
+                behind[k] = stays * behind[k - 1] + (1.0 - stays) * held[k]
+            shares.append(self._left(slope, states, behind, steps - lag))
+        return min(shares)
+
+    def _left(self, slope: Array, states: Array, held: Array, steps: int) -> float:
+        """Return the share of the slopes that is left unexplained by surfaces of so many steps ago."""
+        most = self.most
+        inner = slice(most, len(slope) - most)
+        y = slope[inner] - slope[inner].mean(axis=0)
+        x = np.column_stack([states[inner], held[most - steps : len(held) - most - steps]])
         x -= x.mean(axis=0)
         gram, side = x.T @ x, x.T @ y  # one pass over the samples; the residual needs no better conditioning
-        weights, *_ = np.linalg.lstsq(gram, side, rcond=1e-12)
-        left = scale - (weights * (2.0 * side - gram @ weights)).sum(axis=0)
-        lags.append(steps * step)
-        scores.append(float(np.mean(left / np.where(scale > 0.0, scale, 1.0))))
-    return np.array(lags), np.array(scores)
+        known = len(x) * self.noise / (self.width * self.step)
+        weights = np.linalg.pinv(_less(gram, known), rcond=1e-12, hermitian=True) @ side
+        scale = np.maximum(np.square(y).sum(axis=0), 1e-300)
+        return float(np.mean(1.0 - (weights * side).sum(axis=0) / scale))
+
+    def effects(self, steps: int) -> tuple[Array, Array]:
+        """Return what each surface turns the aircraft by, rms (m, 3) [rad/s^2], and the rms of what is left (3,)."""
+        slope, states, held = self.means()
+        most = self.most
+        own = held[most - steps : len(held) - most - steps]
+        x = np.column_stack([own, states[most : len(slope) - most], np.ones(len(own))])
+        y = slope[most : len(slope) - most]
+        weights, *_ = np.linalg.lstsq(x, y, rcond=None)
+        return np.abs(weights[: own.shape[1]]) * own.std(axis=0)[:, None], np.asarray((y - x @ weights).std(axis=0))
 
 
-def _effects(turn: Array, delta: Array, step: float, steps: int) -> tuple[Array, Array]:
-    """Return what each surface turns the aircraft by, rms (m, 3) [rad/s^2], and the rms of what is left (3,)."""
-    width, most = max(2, round(_WINDOW / step)), max(1, round(_LATEST / step))
-    slope = (turn[width:] - turn[:-width]) / (width * step)
-    states, held = windowed(turn, width), windowed(delta, width)
-    own = held[most - steps : len(held) - most - steps]
-    x = np.column_stack([own, states[most : len(slope) - most], np.ones(len(own))])
-    y = slope[most : len(slope) - most]
-    weights, *_ = np.linalg.lstsq(x, y, rcond=None)
-    return np.abs(weights[: own.shape[1]]) * own.std(axis=0)[:, None], np.asarray((y - x @ weights).std(axis=0))
+def _less(gram: Array, noise: Array) -> Array:
+    """Return the products of regressors less those of their noise, as much of it as leaves them positive definite."""
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    one, part = gram / np.outer(size, size), np.sqrt(noise) / size
+    most = float(np.linalg.eigvalsh(part[:, None] * np.linalg.pinv(one, rcond=1e-12, hermitian=True) * part)[-1])
+    share = min(1.0, _PART / most) if most > 0.0 else 1.0
+    return np.asarray((one - share * np.diag(part * part)) * np.outer(size, size))
+
+
+def _velocities(record: Record) -> dict[str, Series]:
+    """Return the streams of a record that hold the velocity, those over ground turned into the aircraft's axes.
+
+    Returns
+    -------
+    dict
+        By name; empty where there are none, or the attitude that they need is not mapped.
+    """
+    series = record.series
+    if "velocity" not in series:
+        parts = [n for n in ("states.u", "states.v", "states.w") if n in series]
+        return {n: series[n] for n in parts or AIR_DATA if n in series}
+    own = series["velocity"]
+    if own.stream.earth is None and WIND not in series:
+        return {"velocity": own}
+    names = ("attitude",) if "attitude" in series else ("states.Phi", "states.Theta", "states.Psi")
+    if not all(n in series for n in names):
+        return {} if own.stream.earth else {"velocity": own}
+    attitude = [np.interp(own.time, series[n].time, column) for n in names for column in series[n].values.T]
+    quaternion, euler = (np.stack(attitude, axis=1) if len(names) == count else None for count in (1, 3))
+    stream = series[names[0]].stream
+    reading = Reading(
+        attitude_body=stream.body if len(names) == 1 else "frd",
+        attitude_earth=stream.earth if len(names) == 1 else "ned",
+        velocity_frame=own.stream.earth or own.stream.body or "frd",
+    )
+    motion = Motion(_STEP, quaternion, euler, velocity=own.values, wind=wind_of(record, own.time))
+    values = motion.air_velocity(reading)
+    return {} if values is None else {"velocity": replace(own, values=values)}
+
+
+def _response(record: Record) -> _Response | None:
+    """Return what the delay is looked for in; None: rates or moving surfaces are not there, or share no second."""
+    rates = [n for n in ("angular_velocity", "states.P", "states.Q", "states.R") if n in record.series]
+    surfaces = {n: s for n, s in effectors_of(record).items() if np.ptp(s.values) > 0.0 and not s.stream.track.held}
+    if not rates or not surfaces:
+        return None
+    moves = _velocities(record)
+    chosen: dict[str, Series] = {n: record.series[n] for n in rates}
+    chosen.update(moves)
+    chosen.update((f"effectors.{n}", s) for n, s in surfaces.items())
+    if any(len(s.stamps) < 50 for s in chosen.values()):
+        return None
+    periods = [float(np.median(np.diff(s.stamps))) * 1e-9 for s in chosen.values()]
+    grid = on_grid(chosen, max(_STEP, 0.25 * max(periods)), _MOST)
+    if grid is None:
+        return None
+    turn, delta = (
+        np.concatenate([grid[1][n] for n in names], axis=1) for names in (rates, [f"effectors.{n}" for n in surfaces])
+    )
+    signs = np.array(BODY[chosen[rates[0]].stream.body or "frd"]) if turn.shape[1] == 3 and len(rates) == 1 else 1.0
+    noise = np.concatenate([period * noise_of(s.values) for period, s in zip(periods, chosen.values(), strict=True)])
+    step = float(grid[0][1])
+    return _Response(step, list(surfaces), turn * signs, [grid[1][n] for n in moves], delta, noise)
 
 
 def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Iterator[Finding]:
@@ -149,13 +263,17 @@ def _check_derivative(record: Record, derivative: str, state: str) -> Iterator[F
     step = float(grid[0][1])
     signs = [np.array(BODY[pair[n].stream.body or "frd"]) if pair[n].values.shape[1] == 3 else np.ones(1) for n in pair]
     given, values = (grid[1][n] * s for n, s in zip((derivative, state), signs, strict=True))
-    sides = []
+    sides, misfits = [], []
     for window in (0.1, 0.4):
         width = max(1, round(window / step))
         slope = (values[width:] - values[:-width]) / (width * step)
         measured = windowed(given, width)
         sides.append((slope - slope.mean(axis=0), measured - measured.mean(axis=0)))
-    now, long = (misfit(*side) for side in sides)
+        ends = 2.0 * noise_of(pair[state].values) / (width * step) ** 2
+        share = min(1.0, float(np.median(np.diff(pair[derivative].stamps))) * 1e-9 / (width * step))
+        found = beyond_noise(*sides[-1], (ends, share * noise_of(pair[derivative].values)))
+        misfits.append(0.0 if found is None else found[0])  # where noise hides it nothing is said of it
+    now, long = misfits
     slope, measured = sides[0]
     if now < 0.8 or slope.std() < 1e-6:
         return

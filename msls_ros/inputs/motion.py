@@ -14,12 +14,14 @@ differentiated twice; with R the matrix from forward-right-down to north-east-do
 airspeed and the angles of vanes are mapped, v is that of the air, moved from the vanes to the centre of mass.
 
 The misfit of an equation is ``2 |a - b|^2 / (|a|^2 + |b|^2)``: 0 where both sides agree, 2 where they have nothing to
-do with each other, 4 where the sign is wrong.
+do with each other, 4 where the sign is wrong. What white noise makes of it is taken off: its variance is that of the
+third differences of attitude, velocity, rates and forces, in which a motion hardly shows. Where noise makes up more
+than half of both sides they are compared over the longer window, or not at all.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,6 +44,8 @@ _ALONG = 0.6
 _FLYING = 3.0
 """Speed from which an aircraft is expected to move ahead [m/s]."""
 
+_NORMAL = 0.6745
+"""Median size of a normal variable of standard deviation 1."""
 
 SIGNALS = ("quaternion", "euler", "rates", "velocity", "force", "airspeed", "alpha", "beta", "wind")
 """What a `Motion` holds."""
@@ -107,6 +111,8 @@ class Motion:
     """Where those are measured, from the centre of mass, FRD [m]."""
     wind: Array | None = None
     """(k, 3) of the air over ground, NED [m/s]."""
+    apart: int = 2
+    """Steps after which no sample of a log stands in both of two instants; 0: noise is left in."""
 
     def shifted(self, names: Container[str], steps: int) -> Motion:
         """Return the motion with some signals taken so many steps later than the others."""
@@ -124,11 +130,11 @@ class Motion:
         turn = self._rotation(reading)
         if turn is None:
             return {}
-        width = max(1, round(_WINDOW / self.step))
+        widths = [max(1, round(w / self.step)) for w in (_WINDOW, _LONG)]
         found = {"upright": 1.0 - float(turn[:, 2, 2].mean())}
         rates = self._body(self.rates, reading.rates_frame, reading.rates_scale, reading.rates_axes)
         if rates is not None:
-            found.update(_rates(turn, rates, width, self.step))
+            found.update(_rates(turn, rates, widths, self.step, self.apart))
         velocity = self._velocity(turn, reading, rates)
         force = self._body(self.force, reading.force_frame, reading.force_scale, reading.force_axes)
         if force is not None:
@@ -138,9 +144,9 @@ class Motion:
             mean = pull.mean(axis=0) + np.array([0.0, 0.0, GRAVITY])
             found["weight"] = float(np.linalg.norm(mean)) / GRAVITY
             if velocity is not None:
-                tried = [_force(velocity, pull, max(1, round(w / self.step)), self.step) for w in (_WINDOW, _LONG)]
+                tried = [_force(velocity, pull, width, self.step, self.apart) for width in widths]
                 found.update(min((one for one in tried if one), key=lambda one: one["force"], default={}))
-                found.update(_along(turn, velocity, pull, self.step))
+                found.update(_along(turn, velocity, pull, widths, self.step, self.apart))
         if velocity is not None:
             if self.wind is not None:
                 velocity = velocity - reading.wind_scale * self.wind[:, list(reading.wind_axes)]
@@ -149,6 +155,14 @@ class Motion:
                 ahead = np.einsum("ki,ki->k", turn[:, :, 0], velocity)
                 found["heading"] = 1.0 - float(ahead.sum() / speed.sum())
         return found
+
+    def air_velocity(self, reading: Reading) -> Array | None:
+        """Return the velocity less the wind (k, 3) along the axes of the aircraft, FRD [m/s]."""
+        turn = self._rotation(reading)
+        velocity = None if turn is None else self._velocity(turn, reading, None)
+        if turn is None or velocity is None:
+            return None
+        return np.asarray(np.einsum("kji,kj->ki", turn, velocity if self.wind is None else velocity - self.wind))
 
     def air_speed(self, reading: Reading) -> Array | None:
         """Return the size (k,) of the velocity less the wind [m/s]."""
@@ -231,6 +245,15 @@ def windowed(values: Array, width: int) -> Array:
     return np.asarray((total[width:] - total[:-width]) / width)
 
 
+def noise_of(values: Array) -> Array:
+    """Return the variance (c,) of white noise in samples (k, c), of which most change as a smooth curve does.
+
+    It is that of their third differences, 20 times as large; steps of an input are not many enough to count.
+    """
+    third = np.diff(values, 3, axis=0)
+    return np.asarray(np.square(np.median(np.abs(third), axis=0) / _NORMAL) / 20.0)
+
+
 def turned(turn: Array, width: int, step: float) -> Array:
     """Return the mean rates (k - width, 3) [rad/s] that an attitude shows over windows of so many steps."""
     between = np.einsum("kji,kjl->kil", turn[:-width], turn[width:])
@@ -254,40 +277,100 @@ def misfit(a: Array, b: Array) -> float:
     return 2.0 * float(((a - b) ** 2).sum()) / both if both > 0.0 else 0.0
 
 
-def _rates(turn: Array, rates: Array, width: int, step: float) -> Mapping[str, float]:
-    seen, measured = turned(turn, width, step), windowed(rates, width)
-    seen, measured = seen - seen.mean(axis=0), measured - measured.mean(axis=0)
-    found = {}
-    for i, name in enumerate("PQR"):
-        if max(seen[:, i].std(), measured[:, i].std()) > _TURNING:
-            found[f"rates {name}"] = misfit(seen[:, i], measured[:, i])
-    return found
+def _third(values: Array, apart: int) -> Array:
+    """Return the third differences (k - 3 apart, c) of samples so many steps apart, over the root of 20.
+
+    Of white noise they have the variance.
+    """
+    if not apart:
+        return values[:0]
+    near, far = values[2 * apart : -apart] - values[apart : -2 * apart], values[3 * apart :] - values[: -3 * apart]
+    return np.asarray((far - 3.0 * near) / np.sqrt(20.0))
 
 
-def _force(velocity: Array, pull: Array, width: int, step: float) -> Mapping[str, float]:
+def _square(values: Array) -> Array:
+    """Return the mean squares (c,)."""
+    return np.asarray(np.square(values).mean(axis=0)) if len(values) else np.zeros(values.shape[1])
+
+
+def beyond_noise(a: Array, b: Array, noise: tuple[Array, Array]) -> tuple[float, float, float] | None:
+    """Return the misfit of two sides (k, c) and the rms of each, without noise of these variances (c,) of a sample.
+
+    Returns
+    -------
+    tuple or None
+        None where noise makes up more than half of the two sides: they cannot be compared.
+    """
+    powers = [float(_square(side).sum()) for side in (a, b)]
+    shares = [min(float(n.sum()), power) for n, power in zip(noise, powers, strict=True)]
+    sizes = [power - n for n, power in zip(shares, powers, strict=True)]
+    both = sum(sizes)
+    if both < sum(shares):
+        return None
+    left = max(float(_square(a - b).sum()) - sum(shares), 0.0)
+    return (2.0 * left / both if both > 0.0 else 0.0, float(np.sqrt(sizes[0])), float(np.sqrt(sizes[1])))
+
+
+def _rates(turn: Array, rates: Array, widths: Sequence[int], step: float, apart: int) -> Mapping[str, float]:
+    """Return the misfit about each axis, of the first window in which it stands out of the noise."""
+    second = np.zeros((0, 3))
+    if apart:
+        little = apart * step * turned(turn, apart, step)
+        second = little[2 * apart :] - 2.0 * little[apart:-apart] + little[: -2 * apart]
+    angle, gyro = _square(second) / 20.0, _square(_third(rates, apart))
+    found: dict[str, float] = {}
+    hidden = dict(enumerate("PQR"))
+    for width in widths:
+        sides = turned(turn, width, step), windowed(rates, width)
+        seen, measured = (side - side.mean(axis=0) for side in sides)
+        noise = 2.0 * angle / (width * step) ** 2, gyro * min(1.0, 0.5 * apart / width)
+        for i, name in list(hidden.items()):
+            axis = slice(i, i + 1)
+            one = beyond_noise(seen[:, axis], measured[:, axis], (noise[0][axis], noise[1][axis]))
+            if one is not None:
+                del hidden[i]
+                if max(one[1:]) > _TURNING:
+                    found[f"rates {name}"] = one[0]
+    return dict(sorted(found.items()))
+
+
+def _force(velocity: Array, pull: Array, width: int, step: float, apart: int) -> Mapping[str, float]:
     change = (velocity[width:] - velocity[:-width]) / (width * step)
     felt = windowed(pull, width)
     change, felt = change - change.mean(axis=0), felt - felt.mean(axis=0)
-    if max(change.std(), felt.std()) < _MOVING:
+    moved, held = (_square(_third(side, apart)) for side in (velocity, pull))
+    noise = 2.0 * moved / (width * step) ** 2, held * min(1.0, 0.5 * apart / width)
+    one = beyond_noise(change, felt, noise)
+    if one is None or max(one[1:]) < np.sqrt(3.0) * _MOVING:
         return {}
-    sizes = float(np.sqrt((change * change).sum())), float(np.sqrt((felt * felt).sum()))
-    same = float((change * felt).sum()) > _CLEAR * sizes[0] * sizes[1]
-    return {"force": misfit(change, felt), "size": abs(np.log(sizes[0] / sizes[1])) if same else 0.0}
+    same = float((change * felt).sum()) > _CLEAR * one[1] * one[2] * len(felt)
+    return {"force": one[0], "size": abs(float(np.log(one[1] / one[2]))) if same else 0.0}
 
 
-def _along(turn: Array, velocity: Array, pull: Array, step: float) -> Mapping[str, float]:
-    """Return the misfits along the axes of the aircraft that both windows show, the smaller of the two.
+def _along(
+    turn: Array, velocity: Array, pull: Array, widths: Sequence[int], step: float, apart: int
+) -> Mapping[str, float]:
+    """Return the misfits along the axes of the aircraft that all windows show, the smallest.
 
     Both sides are specific forces: gravity, constant in the frame of the earth, turns with the aircraft along its axes.
+    A window in which noise hides an axis has no say.
     """
     found: dict[str, list[float]] = {name: [] for name in "XYZ"}
-    widths = [max(1, round(w / step)) for w in (_WINDOW, _LONG)]
+    calm: set[str] = set()
+    third = _third(velocity, apart)
+    shaken = np.einsum("kji,kj->ki", turn[apart:][: len(third)], third)
+    speed, force = _square(shaken), _square(_third(np.einsum("kji,kj->ki", turn, pull), apart))
     for width in widths:
         change = (velocity[width:] - velocity[:-width]) / (width * step) - [0.0, 0.0, GRAVITY]
         middle = turn[width // 2 :][: len(change)]
         sides = [np.einsum("kji,kj->ki", middle, side) for side in (change, windowed(pull, width))]
         a, b = (side - side.mean(axis=0) for side in sides)
+        noise = 2.0 * speed / (width * step) ** 2, force * min(1.0, 0.5 * apart / width)
         for i, name in enumerate("XYZ"):
-            if max(a[:, i].std(), b[:, i].std()) > _ALONG:
-                found[name].append(misfit(a[:, i], b[:, i]))
-    return {f"axis {name}": min(values) for name, values in found.items() if len(values) == len(widths)}
+            axis = slice(i, i + 1)
+            one = beyond_noise(a[:, axis], b[:, axis], (noise[0][axis], noise[1][axis]))
+            if one is not None and max(one[1:]) > _ALONG:
+                found[name].append(one[0])
+            elif one is not None:
+                calm.add(name)
+    return {f"axis {name}": min(values) for name, values in found.items() if values and name not in calm}

@@ -432,3 +432,94 @@ def test_the_speed_of_flight_is_that_in_the_air_where_a_log_begins_and_ends_at_r
     log = np.vstack([np.zeros((500, 1)), np.linspace(0.0, 20.0, 50)[:, None], flown, np.zeros((400, 1))])
     assert speed_of_flight(log) == pytest.approx(20.0, abs=0.5)
     assert speed_of_flight(np.hstack([log, 0.0 * log, 0.0 * log])) == pytest.approx(20.0, abs=0.5)
+
+
+def recorded(flight: Flight, noise: float = 0.0, behind: int = 0, **changes: str | None) -> list[Finding]:
+    """Inspect a flight of one topic: attitude and rates with noise [rad, rad/s], surfaces of so many samples ago."""
+    random = np.random.default_rng(5)
+    n = len(flight.x) - behind
+    angles, rates = (flight.x[behind:, c] + noise * random.standard_normal((n, 3)) for c in (slice(6, 9), slice(3, 6)))
+    names = ("attitude", "rates", "velocity", "force")
+    columns = [
+        np.array([made.quaternion(made.rotation(a)) for a in angles]), rates, flight.x[behind:, :3],
+        np.array([flight.force(k + behind) for k in range(n)]),
+    ]  # fmt: skip
+    lines: dict[str, str | None] = {
+        "topics.log": "/log my/Log",
+        "clock": "log",
+        "attitude": "log attitude frame=frd/ned",
+    }
+    lines.update(
+        {"velocity": "log velocity", "angular_velocity": "log rates", "specific_force": "log force", **changes}
+    )
+    lines.update({f"effectors.{e}": f"log surfaces[{j}]" for j, e in enumerate(flight.effectors)})
+    collector = Collector(InputMap.from_parameters({k: v for k, v in lines.items() if v is not None}))
+    for k in range(n):
+        values = {name: column[k].tolist() for name, column in zip(names, columns, strict=True)}
+        stamp = made.header(flight.stamp(k))
+        collector.take(
+            "/log", flight.stamp(k), Fields({"header": stamp, **values, "surfaces": flight.delta[k].tolist()})
+        )
+    states = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")[0 if lines["velocity"] else 3 :]
+    given = {"states": states, "effectors": flight.effectors, "sample_rate": 100.0, "reference_speed": 18.0}
+    return findings_of(collector.record(), Configuration().replace(given))
+
+
+@cache
+def fed_back() -> Flight:
+    """Return a flight of a wing with two elevons, roll damping 20 1/s, whose law feeds bank, pitch and rates back."""
+    n, step, parts = 3000, 0.01, 5
+    random = np.random.default_rng(2)
+    x, states, rates, delta = made.TRIM.copy(), np.empty((n, 9)), np.empty((n, 9)), np.empty((n, 2))
+    rest = -made.rotation(made.TRIM[6:]).T @ np.array([0.0, 0.0, made.GRAVITY])
+    moments = np.array([[0, -2.0, 0, -20.0, 0, 3.0], [0, 0, -4.0, 0, -4.0, 0], [0, 0.6, 0, -0.3, 0, -0.6]])
+    wanted = np.repeat(random.uniform(-1.0, 1.0, (n // 60, 2)), 60, axis=0) * [0.5, 0.1]
+    servo = np.zeros(2)
+    for k in range(n):
+        for part in range(parts):
+            off = x - made.TRIM
+            roll = 0.06 * (4.0 * (wanted[k, 0] - x[6]) - x[3])
+            pitch = 0.12 * (3.5 * (wanted[k, 1] - off[7]) - x[4])
+            turn = x[4] * math.sin(x[6]) + x[5] * math.cos(x[6])
+            euler = [x[3] + math.tan(x[7]) * turn, x[4] * math.cos(x[6]) - x[5] * math.sin(x[6]), turn / math.cos(x[7])]
+            force = rest + np.diag([-0.1, -0.5, -5.0]) @ off[:3] + [0.0, 0.0, -8.0 * servo.sum()]
+            down = made.rotation(x[6:]).T @ np.array([0.0, 0.0, made.GRAVITY])
+            effect = [90.0 * (servo[0] - servo[1]), -50.0 * servo.sum(), 0.0]
+            slope = np.concatenate([force + down - np.cross(x[3:6], x[:3]), moments @ off[:6] + effect, euler])
+            if part == 0:
+                states[k], rates[k], delta[k] = x, slope, servo
+            x = x + step / parts * slope
+            servo = servo + step / parts * 25.0 * (np.array([roll - pitch, -roll - pitch]) - servo)
+    return Flight(effectors=("left", "right"), x=states, xdot=rates, delta=delta)
+
+
+def delays(found: list[Finding]) -> list[Finding]:
+    return [f for f in found if f.kind == "delay" and f.level != NOTE]
+
+
+def test_damping_and_a_law_that_feeds_back_are_no_delay() -> None:
+    assert delays(recorded(fed_back())) == []
+    assert delays(recorded(fed_back(), noise=0.002)) == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002])
+def test_surfaces_that_are_really_late_are_found_in_that_flight(noise: float) -> None:
+    found = delays(recorded(fed_back(), noise, behind=10))
+    assert [f.level for f in found] == [WRONG] and re.search(r"smaller by -0\.(09|10)", found[0].change), found
+
+
+def test_without_a_velocity_no_change_of_a_delay_is_advised() -> None:
+    found = [f for f in recorded(fed_back(), velocity=None, specific_force=None) if f.kind == "delay"]
+    assert [(f.level, f.change) for f in found] == [(NOTE, "")]
+
+
+@pytest.mark.parametrize("noise", [0.006, 0.015])
+def test_noise_of_attitude_and_rates_is_no_wrong_frame(noise: float) -> None:
+    found = recorded(banking(1.0), noise)
+    assert [f for f in found if f.kind == "motion" and f.level != NOTE] == []
+
+
+@pytest.mark.parametrize("signs", ["-1,1,1", "1,-1,1", "1,1,-1"])
+def test_a_wrong_sign_of_a_rate_is_found_in_that_noise(signs: str) -> None:
+    found = recorded(banking(1.0), 0.006, angular_velocity=f"log rates scale={signs}")
+    assert [f.level for f in found if f.kind == "motion"] == [WRONG], found
