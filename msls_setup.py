@@ -43,6 +43,7 @@ usage: ./msls NAME [ARGS]    set up what is missing, then run; ./msls NAME --hel
 
 The set-up needs Linux on x86-64, Python 3.10 to 3.13 (PYTHON=python3.12 ./msls ... chooses another)
 and a C/C++ compiler; all else, ROS 2 Jazzy too, goes into {venv} and {install}.
+MSLS_OVERLAY=/path/to/ws/install ./msls ... adds packages that you have built (several: joined by ':').
 With ROS 2 Jazzy from apt this script is not needed: see docs/own_stack.md."""
 
 ELSEWHERE = "on Ubuntu 24.04 install ROS 2 Jazzy from apt and build with colcon instead, see docs/own_stack.md"
@@ -61,6 +62,7 @@ NO_NETWORK = re.compile(
 )
 PREFIXES = ("AMENT_PREFIX_PATH", "CMAKE_PREFIX_PATH", "COLCON_PREFIX_PATH", "ROS_PACKAGE_PATH")
 LISTS = ("PATH", "LD_LIBRARY_PATH", "PKG_CONFIG_PATH")
+OVERLAY = "MSLS_OVERLAY"  # the user's workspaces; set, be it empty, in all that ./msls starts
 
 START = time.monotonic()
 
@@ -150,17 +152,63 @@ def underlay(version: str) -> Dict[str, str]:
     }
 
 
-def overlay(version: str) -> Dict[str, str]:
-    """Return the variables of the two packages on top of the underlay, as install/setup.bash sets them."""
+def overlay(version: str, more: Sequence[Path] = ()) -> Dict[str, str]:
+    """Return the variables of the two packages on top of the underlay, as install/setup.bash sets them.
+
+    The prefixes of the user's own packages come between the two.
+    """
     messages, package, site = INSTALL / "msls_msgs", INSTALL / "msls_ros", f"lib/python{version}/site-packages"
     below = underlay(version)
     above: Dict[str, List[Any]] = {
-        "AMENT_PREFIX_PATH": [package, messages, below["AMENT_PREFIX_PATH"]],
+        "AMENT_PREFIX_PATH": [package, messages, *more, below["AMENT_PREFIX_PATH"]],
         "CMAKE_PREFIX_PATH": [messages, below["CMAKE_PREFIX_PATH"]],
-        "LD_LIBRARY_PATH": [messages / "lib", below["LD_LIBRARY_PATH"]],
-        "PYTHONPATH": [ROOT / "build" / "msls_ros", package / site, messages / site],
+        "LD_LIBRARY_PATH": [messages / "lib", *(prefix / "lib" for prefix in more), below["LD_LIBRARY_PATH"]],
+        "PYTHONPATH": [
+            ROOT / "build" / "msls_ros",
+            package / site,
+            messages / site,
+            *(prefix / site for prefix in more),
+        ],
+        OVERLAY: [os.environ.get(OVERLAY, "")],
     }
     return {**below, **{name: os.pathsep.join(map(str, paths)) for name, paths in above.items()}}
+
+
+def is_prefix(folder: Path) -> bool:
+    """Return whether ROS packages are installed in a folder: one of them, or all of a merged workspace."""
+    return (folder / "share" / "ament_index" / "resource_index" / "packages").is_dir()
+
+
+def overlay_prefixes(version: str) -> List[Path]:
+    """Return the prefixes of the install folders that MSLS_OVERLAY names, refusing what this Python cannot import."""
+    found: List[Path] = []
+    for part in filter(None, os.environ.get(OVERLAY, "").split(os.pathsep)):
+        folder = Path(os.path.abspath(part))
+        if not folder.is_dir():
+            raise SetupError(f"{OVERLAY}: {folder} is no folder; expected the install folder of a workspace")
+        prefixes = [folder] if is_prefix(folder) else sorted(path for path in folder.iterdir() if is_prefix(path))
+        if not prefixes:
+            inner = f"{folder}/install" if (folder / "install").is_dir() else "the install folder of a workspace"
+            raise SetupError(f"{OVERLAY}: {folder} holds no ROS package; expected {inner}")
+        check_prefixes(folder, prefixes, version)
+        found += prefixes
+    return found
+
+
+def check_prefixes(folder: Path, prefixes: Sequence[Path], version: str) -> None:
+    """Refuse packages of another Python, and a ROS of its own in the place of ours."""
+    recipe = f"Python {version}: colcon build --cmake-args -DPython3_EXECUTABLE={PYTHON}, see docs/own_stack.md"
+    usable = False
+    for prefix in prefixes:
+        sites = sorted(prefix.glob("lib/python3*/site-packages"))
+        pythons = [site.parent.name[len("python") :] for site in sites]
+        if sites and version not in pythons:
+            raise SetupError(f"{OVERLAY}: {prefix} is built for Python {', '.join(pythons)}, expected {recipe}")
+        if any((site / "rclpy").exists() for site in sites):
+            raise SetupError(f"{OVERLAY}: {prefix} holds a ROS of its own (rclpy); name workspaces on top of ours only")
+        usable = usable or bool(sites)
+    if not usable:
+        raise SetupError(f"{OVERLAY}: {folder} holds no package for Python, expected one for {recipe}")
 
 
 # --- the set-up ---
@@ -361,8 +409,8 @@ def wanted_builds(venv: Dict[str, str]) -> Dict[str, str]:
     }
 
 
-def set_up() -> Dict[str, str]:
-    """Do what is missing of the set-up and return the environment to run in."""
+def set_up() -> str:
+    """Do what is missing of the set-up and return the version of its Python (3.11)."""
     check_folder()
     chosen = os.environ.get("PYTHON", "")
     current = read_json(VENV_STAMP)
@@ -371,7 +419,7 @@ def set_up() -> Dict[str, str]:
         check_machine()
         with Turn():
             venv = set_up_alone(chosen)
-    return prepend(clean_environment(), overlay(venv["python"]))
+    return venv["python"]
 
 
 def set_up_alone(chosen: str) -> Dict[str, str]:
@@ -472,7 +520,9 @@ def main(arguments: Sequence[str]) -> Optional[int]:
         print(f"msls: no executable '{name}'; there are: {', '.join(names)}{guess}", file=sys.stderr)
         return 2
     try:
-        env = set_up()
+        version = set_up()
+        # What MSLS_OVERLAY names may be built only after the set-up.
+        more = overlay_prefixes(version) if name != "setup" else []
         if name in EXTRA_LOCKS and not {"-h", "--help"} & set(rest):
             add_packages(name)
     except SetupError as error:
@@ -482,6 +532,7 @@ def main(arguments: Sequence[str]) -> Optional[int]:
         where = f"{error.filename}: {error.strerror}" if error.filename else str(error)
         print(f"msls: {where}; the set-up writes into {ROOT}", file=sys.stderr)
         return 1
+    env = prepend(clean_environment(), overlay(version, more))
     if name == "test":
         test(rest, env)
     if name != "setup":

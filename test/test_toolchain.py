@@ -175,6 +175,72 @@ def test_another_ros_does_not_leak_in(script: ModuleType, monkeypatch: pytest.Mo
     assert env["ROS_DOMAIN_ID"] == "7"
 
 
+def package(prefix: Path, name: str, python: str = "3.11", module: str = "") -> Path:
+    """Install a package as colcon does; without a Python, one in C++ only."""
+    (prefix / "share/ament_index/resource_index/packages").mkdir(parents=True, exist_ok=True)
+    (prefix / "share/ament_index/resource_index/packages" / name).touch()
+    if python:
+        (prefix / f"lib/python{python}/site-packages" / (module or name)).mkdir(parents=True)
+    return prefix
+
+
+def test_the_workspaces_that_are_named_come_between_our_packages_and_our_ros(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    alone = [package(tmp_path / "isolated" / "px4_msgs", "px4_msgs"), package(tmp_path / "isolated" / "x", "x", "")]
+    merged = package(package(tmp_path / "merged", "a_msgs"), "b_msgs")
+    (tmp_path / "isolated" / "COLCON_IGNORE").touch()
+    monkeypatch.setenv("MSLS_OVERLAY", f"{tmp_path}/isolated/:{merged}:")
+    prefixes = script.overlay_prefixes("3.11")
+    assert prefixes == [*alone, merged]
+    env = script.overlay("3.11", prefixes)
+    own = [script.INSTALL / "msls_ros", script.INSTALL / "msls_msgs"]
+    assert env["AMENT_PREFIX_PATH"].split(":") == [*map(str, own), *map(str, prefixes), str(script.VENV)]
+    libraries = [str(path / "lib") for path in (own[1], *prefixes, script.VENV)]
+    assert env["LD_LIBRARY_PATH"].split(":")[: len(libraries)] == libraries
+    sites = [str(path / "lib/python3.11/site-packages") for path in (*own, *prefixes)]
+    assert env["PYTHONPATH"].split(":")[1:] == sites
+    assert env["MSLS_OVERLAY"] == os.environ["MSLS_OVERLAY"], "a program may start ./msls again"
+    monkeypatch.delenv("MSLS_OVERLAY")
+    assert script.overlay_prefixes("3.11") == []
+    assert script.overlay("3.11")["MSLS_OVERLAY"] == "", "a sign to programs that ./msls runs them"
+
+
+@pytest.mark.parametrize(
+    ("named", "said"),
+    [
+        ("nothing", r"{}/nothing is no folder; expected the install folder of a workspace"),
+        ("empty", r"{}/empty holds no ROS package; expected the install folder of a workspace"),
+        ("ws", r"{}/ws holds no ROS package; expected {}/ws/install"),
+        ("ws/install", r"{}/ws/install/px4_msgs is built for Python 3\.12, expected Python 3\.11: colcon build"),
+        ("cpp", r"{}/cpp holds no package for Python, expected one for Python 3\.11: colcon build"),
+        ("ros", r"{}/ros holds a ROS of its own \(rclpy\)"),
+        ("good:nothing", r"{}/nothing is no folder"),
+    ],
+)
+def test_a_workspace_that_cannot_be_used_is_refused_in_one_sentence(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str, said: str
+) -> None:
+    package(tmp_path / "ws/install/px4_msgs", "px4_msgs", "3.12")
+    package(tmp_path / "cpp", "cpp", "")
+    package(tmp_path / "ros", "rclpy")
+    package(tmp_path / "good", "good")
+    (tmp_path / "empty").mkdir()
+    monkeypatch.setenv("MSLS_OVERLAY", ":".join(str(tmp_path / name) for name in named.split(":")))
+    with pytest.raises(script.SetupError, match="^MSLS_OVERLAY: " + said.replace("{}", re.escape(str(tmp_path)))):
+        script.overlay_prefixes("3.11")
+
+
+def test_what_is_refused_is_one_line_but_not_to_the_setup_before_which_nothing_can_be_built(
+    script: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("MSLS_OVERLAY", str(tmp_path / "nothing"))
+    monkeypatch.setattr(script, "set_up", lambda: "3.11")
+    assert script.main(["setup"]) == 0
+    assert script.main(["python"]) == 1
+    assert re.fullmatch(r"msls: MSLS_OVERLAY: .*\n", capsys.readouterr().err)
+
+
 @pytest.mark.parametrize(
     ("edited", "rebuilt"),
     [

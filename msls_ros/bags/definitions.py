@@ -128,8 +128,10 @@ class Definitions:
             path = self._find(msgtype)
             if path is None:
                 used = f" (used by {needed_by})" if needed_by else ""
+                # ./msls, which sets the variable, takes nothing from the shell's workspaces.
+                do = "name in MSLS_OVERLAY the install folder of" if "MSLS_OVERLAY" in os.environ else "source"
                 msg = (
-                    f"{msgtype}{used}: no message definition found; source the workspace that builds it, "
+                    f"{msgtype}{used}: no message definition found; {do} the workspace that builds it, "
                     f"or give the folder that holds {'/'.join(_split(msgtype))}.msg"
                 )
                 raise BagError(msg)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import os
 from typing import Any
 
 from msls_ros.nodes.parameters import NodeError
@@ -23,7 +24,10 @@ def message_class(msgtype: str) -> type[Any]:
         message = f"'{msgtype}' is not a type; expected PACKAGE/msg/NAME"
         raise NodeError(message) from None
     except (ImportError, AttributeError):
-        message = f"the type {msgtype} is not installed: source the workspace that builds the package {package}"
+        do = f"source the workspace that builds the package {package}"
+        if "MSLS_OVERLAY" in os.environ:  # run through ./msls, which takes nothing from the shell's workspaces
+            do = f"build the package {package} and name its install folder in MSLS_OVERLAY, see docs/own_stack.md"
+        message = f"the type {msgtype} is not installed: {do}"
         raise NodeError(message) from None
     return found
 

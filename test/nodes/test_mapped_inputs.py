@@ -217,6 +217,18 @@ def test_a_mapping_that_is_wrong_ends_the_start_with_its_reason(bench: Bench) ->
         make(bench, effectors=["de", "da", "dr", "flap"])
 
 
-def test_a_type_that_is_not_installed_is_named(bench: Bench) -> None:
-    with pytest.raises(NodeError, match="the type px4_msgs/msg/VehicleOdometry is not installed"):
+@pytest.mark.parametrize(
+    ("overlay", "do"),
+    [
+        (None, "source the workspace that builds the package px4_msgs"),
+        ("", "build .* px4_msgs .* in MSLS_OVERLAY, see"),
+    ],
+)
+def test_a_type_that_is_not_installed_is_named(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, overlay: str | None, do: str
+) -> None:
+    monkeypatch.delenv("MSLS_OVERLAY", raising=False)
+    if overlay is not None:
+        monkeypatch.setenv("MSLS_OVERLAY", overlay)
+    with pytest.raises(NodeError, match=f"the type px4_msgs/msg/VehicleOdometry is not installed: {do}"):
         subscribe(bench.probe, {"/x": "px4_msgs/msg/VehicleOdometry"}, INPUT, lambda topic, message: None, print)
