@@ -17,11 +17,12 @@ meanwhile. Any other node of yours goes on the same bench with `Bench.add`. See 
 
 from __future__ import annotations
 
+import inspect
 import itertools
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -42,12 +43,13 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.subscription import Subscription
 
-from msls_ros.estimation import Configuration
+from msls_ros.estimation import Configuration, EstimationError
 from msls_ros.estimation.configuration import as_mapping
-from msls_ros.inputs.profiles import read_profile
+from msls_ros.inputs.profiles import profile_path, read_inputs, read_profile
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.loopback import BY_PROFILE, RANGE, loopback
-from msls_ros.nodes.quality import INPUT
+from msls_ros.nodes.parameters import read_configuration
+from msls_ros.nodes.quality import INPUT, depth_of
 
 __all__ = ["PATIENCE", "WITHOUT_SHARED_MEMORY", "Bench", "IdentifierBench"]
 
@@ -62,6 +64,8 @@ WITHOUT_SHARED_MEMORY = loopback()
 What a killed process leaves in shared memory can hang the next one, or take it down: `msls_ros.nodes.loopback`. Where
 it is in ``os.environ`` a `Bench` goes by it, as do the processes that a test starts.
 """
+QUEUE = 2.0
+"""What an identifier's queues hold where its profile does not say [s of samples]: tests feed faster than in flight."""
 IN_FLIGHT = 50
 """Samples that are fed before the answer of the first is awaited: fewer than the queue of a subscription holds."""
 SomeNode = TypeVar("SomeNode", bound=Node)
@@ -176,10 +180,25 @@ class Bench:
             Its class; called with ``context`` and ``parameter_overrides``.
         **parameters
             By name; dots are written as two underscores.
+
+        Raises
+        ------
+        TypeError
+            If the class does not take what it is called with: it must accept ``**kwargs`` and pass them on to `Node`.
         """
         given = [Parameter(name.replace("__", "."), value=value) for name, value in parameters.items()]
+        how: dict[str, Any] = {"context": self.context, "parameter_overrides": given}
         make: Any = kind
-        node: SomeNode = make(context=self.context, parameter_overrides=given)
+        try:
+            inspect.signature(make).bind(**how)
+        except TypeError as error:
+            name = getattr(kind, "__name__", repr(kind))
+            message = (
+                f"{name} does not take context and parameter_overrides, which a bench gives to its nodes ({error}): "
+            )
+            message += "write 'def __init__(self, **kwargs)' and 'super().__init__(\"name\", **kwargs)'"
+            raise TypeError(message) from error
+        node: SomeNode = make(**how)
         return self.adopt(node)
 
     def identifier(self, profile: str | os.PathLike[str] | Configuration = "f16", **parameters: Any) -> IdentifierBench:
@@ -188,7 +207,8 @@ class Bench:
         Parameters
         ----------
         profile
-            A configuration, a shipped profile's name or the path of a parameter file.
+            A shipped profile's name or the path of a parameter file, of which all reaches the node as by
+            ``--params-file``, ``inputs`` among it; or a configuration, which has no ``inputs``.
         **parameters
             Other than the profile has them; dots are written as two underscores.
 
@@ -196,6 +216,8 @@ class Bench:
         ------
         EstimationError
             For a profile that is missing or wrong.
+        NodeError
+            For a parameter of the node that is refused.
         """
         return IdentifierBench(self, profile, parameters)
 
@@ -286,13 +308,26 @@ class Bench:
         self._lock.close()
 
 
+def _of_profile(profile: str | os.PathLike[str] | Configuration) -> tuple[list[str], dict[str, Any]]:
+    """Return the arguments and parameters that an identifier node has of a profile.
+
+    A file is read by ROS itself, so that no parameter of it is lost; what is before it on the line it may change.
+    """
+    if isinstance(profile, Configuration):
+        given = {name: list(v) if isinstance(v, tuple) else v for name, v in as_mapping(profile).items()}
+        return [], given | {"queue": QUEUE}
+    read_profile(profile)  # refuses in a sentence that names the file
+    read_inputs(profile)
+    return ["--ros-args", "-p", f"queue:={QUEUE}", "--params-file", str(profile_path(profile))], {}
+
+
 class IdentifierBench:
-    """An identifier node on a bench: feed it samples, await its models, events and dithers.
+    """An identifier node on a bench: feed it samples or play it messages, await its models, events and dithers.
 
     Attributes
     ----------
     configuration
-        Of the profile, before other parameters.
+        As the node has it.
     node
         The identifier.
     models, events, dithers
@@ -303,12 +338,19 @@ class IdentifierBench:
         self, bench: Bench, profile: str | os.PathLike[str] | Configuration, parameters: dict[str, Any]
     ) -> None:
         """Start the node; see `Bench.identifier`."""
-        self.configuration = profile if isinstance(profile, Configuration) else read_profile(profile)
-        given = {name: list(v) if isinstance(v, tuple) else v for name, v in as_mapping(self.configuration).items()}
-        given |= {"queue": 2.0}
+        arguments, given = _of_profile(profile)
         given |= {name.replace("__", "."): value for name, value in parameters.items()}
+        overrides = [Parameter(name, value=value) for name, value in given.items() if value != []]
         self.bench = bench
-        self.node = bench.add(IdentifierNode, **{k: v for k, v in given.items() if v != []})
+        self.node = bench.adopt(
+            IdentifierNode(context=bench.context, cli_args=arguments, parameter_overrides=overrides)
+        )
+        if not self.node.get_parameter("autostart").value:  # a stack with a lifecycle manager: the bench has its part
+            self.node.trigger_configure()
+            self.node.trigger_activate()
+        self.configuration = read_configuration(self.node)
+        topics: dict[str, Any] = self.node.get_parameters_by_prefix("inputs.topics")
+        self._mapped = [str(one.value).split()[0] for one in topics.values()]
         self.models: list[LinearModel] = bench.listen(LinearModel, "model")
         self.events: list[FaultEvent] = bench.listen(FaultEvent, "fault")
         self.dithers: list[DitherCommand] = bench.listen(DitherCommand, "dither")
@@ -326,16 +368,53 @@ class IdentifierBench:
             (n, effectors) measured deflections [rad].
         first
             Stamp that time 0 has [s]; stamps of 0 are refused.
+
+        Raises
+        ------
+        EstimationError
+            Where the node's parameters have ``inputs``: it listens to other topics than those of samples.
         """
         configuration = self.configuration
+        if self._mapped:
+            message = f"feed publishes state and effectors, this identifier's inputs are {', '.join(self._mapped)}: "
+            message += "give their messages to play, or start it from read_profile(file), which has no inputs"
+            raise EstimationError(message)
+        depth = depth_of(self.node.get_parameter("queue").value, configuration.sample_rate)
+        waiting = min(IN_FLIGHT, depth // 2)
         answered = len(self.dithers)
         rows = zip(*(np.asarray(v, np.float64) for v in (time, x, xdot, delta)), strict=True)
         for number, (t, *row) in enumerate(rows, 1):
             stamp = round((first + t) * 1e9)
             self.bench.publish("state", messages.state_message(stamp, configuration.states, row[0], row[1]))
             self.bench.publish("effectors", messages.effector_message(stamp, configuration.effectors, row[2]))
-            self.bench.expect(self.dithers, answered + number - IN_FLIGHT, "the dithers that answer the samples")
+            self.bench.expect(self.dithers, answered + number - waiting, "the dithers that answer the samples")
         self.bench.expect(self.dithers, answered + len(np.asarray(time)), "the dithers that answer the samples")
+
+    def play(self, messages: Iterable[tuple[str, Any]]) -> None:
+        """Publish messages of the topics that ``inputs`` maps, and wait until each has been taken.
+
+        So they arrive in this order, whatever their topics. What comes of them is awaited as ever; rows lag by the
+        delays and the window of the map, so that the last messages make no sample.
+
+        Parameters
+        ----------
+        messages
+            Topic and message, in the order in which a stack would send them.
+
+        Raises
+        ------
+        EstimationError
+            For a topic that is not mapped.
+        """
+        before = self.node.taken
+        for number, (topic, message) in enumerate(messages, 1):
+            if topic not in self._mapped:
+                has = ", ".join(self._mapped) or "state and effectors, which feed publishes"
+                text = f"topic {topic} is not an input of this identifier; its inputs are {has}"
+                raise EstimationError(text)
+            self.bench.publish(topic, message)
+            count = before + number
+            self.bench.spin_until(lambda count=count: self.node.taken >= count, f"message {number} on {topic}")  # type: ignore[misc]
 
     def await_models(self, count: int) -> list[LinearModel]:
         """Wait until ``count`` models have come in all, and return them."""

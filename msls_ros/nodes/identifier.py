@@ -126,6 +126,11 @@ class IdentifierNode(LifecycleNode):
         return self._synchronizer
 
     @property
+    def taken(self) -> int:
+        """Messages of its topics that it has taken, whatever came of them; once configured."""
+        return sum(one.count for one in self._monitor.traffic.values())
+
+    @property
     def estimate(self) -> Estimate | None:
         """The estimate after the last sample; None: there was none."""
         if self._identifier is None or self._sample is None:

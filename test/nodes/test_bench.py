@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rclpy
 from msls_msgs.msg import EffectorSample, LinearModel
 from nodes.made_up import linear_samples
+from nodes.test_mapped_inputs import PROFILE, decoded, flight_messages, offline
 from rclpy.context import Context
 from rclpy.node import Node
 
@@ -16,6 +19,8 @@ from msls_ros.inputs.profiles import read_profile
 from msls_ros.messages import stamp_of
 from msls_ros.testing import Bench, IdentifierBench, claim_domain
 
+EXAMPLES = Path(__file__).parents[2] / "docs/examples"
+MAPPED, MY_AIRCRAFT = EXAMPLES / "my_stack.yaml", EXAMPLES / "my_aircraft.yaml"
 COUNT = 130
 LAST = 2_380_000_000
 """Stamp of the last of 20 samples at 50 Hz, from 2 s on [ns]."""
@@ -121,3 +126,53 @@ def test_a_bench_takes_neither_the_domain_of_a_running_stack_nor_that_of_the_env
 def test_a_profile_that_is_not_there_is_refused(bench: Bench) -> None:
     with pytest.raises(EstimationError, match="shipped are"):
         IdentifierBench(bench, "no_such_profile", {})
+
+
+def test_a_mapped_file_subscribes_to_its_topics_and_identifies() -> None:
+    messages = flight_messages(400)
+    expected = offline(messages)
+    with Bench() as bench:
+        identifier = bench.identifier(PROFILE, time_jump=0.2)
+        identifier.play(messages)
+        models = identifier.await_models(len(expected))
+        subscribed = {one.topic_name for one in identifier.node.subscriptions}
+    assert {"/odom", "/imu/data", "/joint_states"} <= subscribed and not {"/state", "/effectors"} & subscribed
+    assert decoded(models) == expected
+    assert np.reshape(models[-1].b, (9, 3))[4, 0] == pytest.approx(-30.0, rel=0.05)  # Q by the elevator
+
+
+def test_all_that_a_file_says_reaches_the_node_and_keywords_go_before_it(tmp_path: Path) -> None:
+    own = "    queue: 0.3\n    publish_every: 5\n    frame_id: hull\n    autostart: false\n"
+    file = tmp_path / "own.yaml"
+    file.write_text(MY_AIRCRAFT.read_text() + own + "/**:\n  ros__parameters:\n    model_file: kept.yaml\n")
+    names = ("queue", "publish_every", "frame_id", "model_file", "dither.seed", "sample_rate", "effectors")
+    with Bench(patience=30.0) as bench:
+        one = bench.identifier(file, publish_every=2, dither__seed=4)
+        found = [one.node.get_parameter(name).value for name in names]
+        time = np.arange(100) * 0.02
+        one.feed(time, *np.random.default_rng(0).normal(size=(3, 100, 2)) * 0.01)
+        assert len(one.await_models(40)) <= 50  # the newest samples wait: either may be a spike
+    assert found == [0.3, 2, "hull", "kept.yaml", 4, 50.0, ["da", "dr"]]
+    assert one.models[0].header.frame_id == "hull" and one.configuration.dither.seed == 4
+
+
+def test_feeding_samples_to_a_mapped_identifier_is_refused_and_without_its_inputs_it_is_fed() -> None:
+    time, x, xdot, delta = 0.01 * np.arange(5), np.ones((5, 9)), np.zeros((5, 9)), np.zeros((5, 3))
+    with Bench() as bench, pytest.raises(EstimationError, match=r"inputs are /odom, /imu/data, /joint_states: give"):
+        bench.identifier(MAPPED).feed(time, x, xdot, delta)
+    with Bench() as bench, pytest.raises(EstimationError, match=r"topic /odo is not an input of .* inputs are /odom, "):
+        bench.identifier(MAPPED).play([("/odo", EffectorSample())])
+    with Bench(patience=30.0) as bench:
+        identifier = bench.identifier(read_profile(MAPPED))
+        identifier.feed(time, x, xdot, delta)
+        assert len(identifier.await_models(5)) == 5
+
+
+class Plain(Node):
+    def __init__(self) -> None:
+        super().__init__("plain")
+
+
+def test_a_node_that_takes_no_keywords_is_refused_with_what_to_write(bench: Bench) -> None:
+    with pytest.raises(TypeError, match=r"Plain does not take .* write 'def __init__\(self, \*\*kwargs\)'"):
+        bench.add(Plain)
