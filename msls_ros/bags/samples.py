@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.bags.errors import BagError
+from msls_ros.bags.serde import ALIGNED, GAP
 
 _SEQUENCES = {
     "msls_msgs/msg/StateSample": 2,
@@ -277,7 +278,8 @@ def _parse(cdr: bytes, sequences: int) -> _Layout:
     rates_start, rates = cursor.doubles() if sequences == 2 else (stop, 0)
     if count == 0:
         start = stop = rates_start
-    if not 0 <= len(cdr) - cursor.position < 4:
+    empty = (count == 0) + (sequences == 2 and rates == 0)
+    if not 0 <= len(cdr) - cursor.position <= ALIGNED + GAP * empty:
         what = f"{len(cdr) - cursor.position} bytes left over"
         raise ValueError(what)
     constant = [*range(_CONSTANT_FROM, start), *range(stop, rates_start)]

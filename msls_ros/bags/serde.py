@@ -16,6 +16,9 @@ from msls_ros.bags.errors import BagError
 
 MISFITS = (SerdeError, struct.error, AttributeError, TypeError, ValueError, OverflowError, AssertionError)
 
+ALIGNED, GAP = 3, 8
+"""Bytes by which messages are too long: any up to the first; up to the second for each empty sequence of wide numbers."""
+
 
 def serialize(definitions: Definitions, msgtype: str, message: Any) -> bytes:
     """Turn a message into CDR (little endian).
@@ -53,6 +56,10 @@ def serialize(definitions: Definitions, msgtype: str, message: Any) -> bytes:
 def deserialize(store: Typestore, msgtype: str, cdr: bytes | memoryview) -> Any:
     """Turn CDR into a message.
 
+    What `rclpy.serialization.serialize_message` gives may be longer than the message: its size is reckoned with a gap
+    after the length of each empty sequence of numbers of 8 bytes, and the rest of the bytes is garbage. On the wire,
+    and in what a recorder writes, it is not there.
+
     Parameters
     ----------
     store : rosbags.typesys.store.Typestore
@@ -75,8 +82,39 @@ def deserialize(store: Typestore, msgtype: str, cdr: bytes | memoryview) -> Any:
     try:
         return store.deserialize_cdr(cdr, msgtype)
     except (*MISFITS, IndexError, MemoryError) as error:
+        padded = _padded(store, msgtype, cdr)
+        if padded is not None:
+            return padded
         msg = f"{msgtype}: {len(cdr)} bytes that are not a message of this type: {error}"
         raise BagError(msg) from error
+
+
+def _padded(store: Typestore, msgtype: str, cdr: bytes | memoryview) -> Any:
+    """Return the message in bytes that go on after it no further than `serialize_message` makes them; None: no such."""
+    definition = store.get_msgdef(msgtype)
+    if len(cdr) < 4 or bytes(cdr[:2]) not in (b"\x00\x00", b"\x00\x01"):
+        return None
+    read: Any = definition.deserialize_cdr_le if cdr[1] else definition.deserialize_cdr_be
+    try:
+        message, end = read(cdr[4:], 0, definition.cls, store)
+        over = len(cdr) - 4 - end
+        return message if 0 <= over <= ALIGNED + GAP * _empty(store, ("", (Nodetype.NAME, msgtype)), message) else None
+    except (*MISFITS, IndexError, MemoryError):
+        return None
+
+
+def _empty(store: Typestore, field: tuple[str, Any], value: Any) -> int:
+    """Return how many sequences of numbers of 8 bytes are empty in a field."""
+    kind = field[1]
+    if kind[0] == Nodetype.NAME:
+        return sum(_empty(store, one, getattr(value, one[0])) for one in store.fielddefs[kind[1]][1])
+    if kind[0] == Nodetype.BASE:
+        return 0
+    element = kind[1][0]
+    if element[0] != Nodetype.BASE:
+        return sum(_empty(store, ("", element), one) for one in value)
+    wide = element[1][0] in ("float64", "int64", "uint64")
+    return int(wide and kind[0] == Nodetype.SEQUENCE and len(value) == 0)
 
 
 def _build(store: Typestore, msgtype: str, values: Mapping[str, Any]) -> Any:
