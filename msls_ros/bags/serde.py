@@ -17,7 +17,7 @@ from msls_ros.bags.errors import BagError
 MISFITS = (SerdeError, struct.error, AttributeError, TypeError, ValueError, OverflowError, AssertionError)
 
 ALIGNED, GAP = 3, 8
-"""Bytes by which messages are too long: any up to the first; up to the second for each empty sequence of wide numbers."""
+"""Bytes by which messages may be too long: the first, and the second for each empty sequence of wide numbers."""
 
 
 def serialize(definitions: Definitions, msgtype: str, message: Any) -> bytes:

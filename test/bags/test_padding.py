@@ -10,7 +10,7 @@ from msls_msgs.msg import StateSample
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from sensor_msgs.msg import JointState
-from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint  # type: ignore[import-untyped]
 
 from msls_ros.bags import BagError, BagReader, SampleDecoder
 from msls_ros.bags.definitions import default_definitions
