@@ -18,7 +18,6 @@ from msls_ros.inputs.findings import LEVELS, NOTE, Finding
 from msls_ros.offline.inspection import Inspection, inspect
 from msls_ros.offline.opening import chosen_parameters
 from msls_ros.offline.suggestion import suggest
-from msls_ros.offline.undecoded import explained
 
 _EPILOG = """\
 Findings are wrong (numbers would be wrong; replay refuses them), doubtful (worse than need be) or notes. Without
@@ -58,7 +57,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         chosen = chosen_parameters(reader, arguments.params, arguments.namespace)
         with Progress(f"inspecting {arguments.log.name}", 100.0, "%") as bar:
             found = inspect(reader, chosen.configuration, chosen.inputs, lambda share: bar.show(100.0 * share))
-        found = explained(found, reader, chosen.inputs)
     except (BagError, EstimationError, OSError) as error:
         print(f"inspect: {error}", file=sys.stderr)
         return 2

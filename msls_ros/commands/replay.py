@@ -27,7 +27,6 @@ from msls_ros.offline.best import origin_of
 from msls_ros.offline.inspection import check_map, inspect
 from msls_ros.offline.opening import Chosen, chosen_parameters
 from msls_ros.offline.replay import Replay, ReplayOptions, replay
-from msls_ros.offline.undecoded import explained
 
 DEFAULT_OUT = Path("out/replay")
 _EPILOG = """\
@@ -201,7 +200,7 @@ def _replay(job: Job) -> dict[str, Any]:
     arguments, bag = job.arguments, job.bag
     reader = open_any(bag, definition_paths=arguments.definitions, held=arguments.memory << 20)
     chosen = chosen_parameters(reader, str(job.parameters) if job.parameters else None, arguments.namespace)
-    found = explained(inspect(reader, chosen.configuration, chosen.inputs), reader, chosen.inputs)
+    found = inspect(reader, chosen.configuration, chosen.inputs)
     mapped = isinstance(chosen.inputs, InputMap)
     if mapped and not arguments.anyway:
         check_map(bag, found)

@@ -36,7 +36,6 @@ from msls_ros.offline.inspection import inspect, refuse_wrong
 from msls_ros.offline.opening import chosen_parameters
 from msls_ros.offline.replay import ReplayOptions, open_source, why_none
 from msls_ros.offline.sources import Offer, collected, ordered_batches
-from msls_ros.offline.undecoded import explained
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -116,7 +115,7 @@ def identify_log(
     reader = open_any(Path(log))
     chosen = chosen_parameters(reader, None if params is None else os.fspath(params), namespace)
     inputs = chosen.inputs if isinstance(chosen.inputs, InputMap) else None
-    inspection = explained(inspect(reader, chosen.configuration, chosen.inputs), reader, chosen.inputs)
+    inspection = inspect(reader, chosen.configuration, chosen.inputs)
     if inputs is not None and not anyway:
         refuse_wrong(str(log), inspection.findings, "anyway=True")
     flow = _Flow(chosen.configuration, every)

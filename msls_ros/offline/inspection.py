@@ -16,6 +16,7 @@ from msls_ros.inputs.findings import WRONG, Finding, ordered
 from msls_ros.inputs.inspection import check_topics, findings_of
 from msls_ros.inputs.series import Collector, Record, Series, TopicTimes
 from msls_ros.offline.sources import EFFECTORS, STATE, InputTopics
+from msls_ros.offline.undecoded import explain_empty
 
 MOST = 150_000
 """Messages that are looked at."""
@@ -79,6 +80,8 @@ def inspect(
         record, looked_at = seen or read_record(reader, inputs, progress)
     missing = {f.where for f in found}
     found += [f for f in findings_of(record, configuration) if f.where not in missing]
+    if isinstance(inputs, InputMap):
+        found = [explain_empty(one, reader, inputs) for one in found]
     stamps = record.topics[record.inputs.clock].stamps
     seconds = float(np.ptp(stamps)) * 1e-9 if len(stamps) else 0.0
     return Inspection(topics, ordered(found), looked_at, seconds)

@@ -7,30 +7,24 @@ from dataclasses import replace
 from msls_ros.bags import AnyReader, BagError
 from msls_ros.inputs.findings import Finding
 from msls_ros.inputs.input_map import InputMap
-from msls_ros.offline.inspection import Inspection
 
 _FIELD = "inputs.topics."
 
 
-def explained(found: Inspection, reader: AnyReader, inputs: object) -> Inspection:
-    """Return an inspection that says of messages which cannot be decoded that they are there.
+def explain_empty(finding: Finding, reader: AnyReader, inputs: InputMap) -> Finding:
+    """Return a finding; if it says of a topic that it is empty, what there is where its messages cannot be decoded.
 
     Parameters
     ----------
-    found
-        The inspection.
+    finding
+        Any.
     reader
         Of the log.
     inputs
-        Its map; an inspection of any other source is left as it is.
+        Its map.
     """
-    if not isinstance(inputs, InputMap) or all(one.kind != "empty" for one in found.findings):
-        return found
-    findings = [_explained(one, reader, inputs) if one.kind == "empty" else one for one in found.findings]
-    return replace(found, findings=findings)
-
-
-def _explained(finding: Finding, reader: AnyReader, inputs: InputMap) -> Finding:
+    if finding.kind != "empty":
+        return finding
     topic = inputs.topics[finding.where.removeprefix(_FIELD)].topic
     count, why = 0, ""
     own = reader.only([topic])

@@ -372,7 +372,7 @@ def _kinematics(
 
 
 def _noise(period: float, straddle: int) -> dict[str, Any]:
-    """Return what noise of sensors is told by, and what becomes of it where inputs have passed a window."""
+    """Return by what the noise of sensors is found, and what becomes of it where inputs have passed a window."""
     third, second, white_spread, slope_noise = _window_noise(straddle)
     return dict(
         third=third,
