@@ -13,7 +13,7 @@ from itertools import permutations, product
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
-from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY, EARTH
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading
@@ -65,10 +65,10 @@ def check_motion(record: Record) -> Iterator[Finding]:
     if not bad:
         text = ", ".join(f"{name} {value:.2g}" for name, value in now.items())
         yield Finding(NOTE, "motion", "inputs", f"frames, signs and units agree with the motion (misfits: {text})")
-        yield from _delays(motion, reading, entries, now)
+        yield from _delays(record, motion, reading, entries, now)
         return
     mends = mend(motion, reading, entries)
-    late = [f for f in _delays(motion, reading, entries, now) if not (mends and f.where.endswith(AIR_DATA))]
+    late = [f for f in _delays(record, motion, reading, entries, now) if not (mends and f.where.endswith(AIR_DATA))]
     if late and all(name.startswith("rates") or name == "force" for name in bad):
         yield from late
         if any(f.level == WRONG for f in late):
@@ -346,7 +346,7 @@ def _rates(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
 
 
 def _delays(
-    motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
+    record: Record, motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
 ) -> Iterator[Finding]:
     """Yield the streams that are late against the attitude; of those in one equation the one that mends it best."""
     most = int(_LAG / motion.step)
@@ -375,7 +375,8 @@ def _delays(
         word = "later" if steps > 0 else "earlier"
         what = f"comes {1e3 * abs(steps) * motion.step:.0f} ms {word} than the attitude shows it"
         where = entries[group[0]] if len(group) == 1 else "inputs." + ", ".join(group)
-        change = f"delay larger by {steps * motion.step:+.3f} s in this line"
+        delays = {one.stream.delay * 1e-9 for name, one in record.series.items() if f"inputs.{name}" == where}
+        change = delay_words(steps * motion.step, delays.pop() if delays else None, "this line")
         if group == ("airspeed",) and steps > 0:
             change += f"; or lag={steps * motion.step:.2g}, where a static port follows slowly"
         yield Finding(level, "delay", where, what, change)

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from msls_ros.estimation import Configuration
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.check_effectors import effectors_of
 from msls_ros.inputs.check_motion import wind_of
-from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading, beyond_noise, misfit, noise_of, windowed
@@ -26,8 +27,8 @@ _WORTH = 0.02
 _MOST = 20000
 _GAIN, _LEAST = 0.08, 0.005
 """Share of the residual, and of the angular accelerations, that the delay must explain."""
-_FOUND = 0.06
-"""Delay up to which the identifier finds it itself, and takes it back [s]."""
+_FOUND = (-0.05, 0.06)
+"""Delays between which the bank finds them itself, and takes them back [s]."""
 _PART = 0.7
 """Share of a regressor that is taken for noise, at most."""
 _SURE = 0.5
@@ -43,8 +44,16 @@ _UNRELATED, _TURNS = 1.4, 0.1
 _FACTORS = {"-1": -1.0, "0.0174533": np.pi / 180.0, "57.2958": 180.0 / np.pi, "9.80665": 9.80665, "0.101972": 0.101972}
 
 
-def check_response(record: Record) -> Iterator[Finding]:
-    """Yield the delay from the surfaces to the angular accelerations, where it is not what the map says."""
+def check_response(record: Record, configuration: Configuration) -> Iterator[Finding]:
+    """Yield the delay from the surfaces to the angular accelerations, where it is not what the map says.
+
+    Parameters
+    ----------
+    record
+        What was read of the log.
+    configuration
+        Of the identifier: the bank finds such delays itself, up to `_FOUND`, the paper's method none.
+    """
     response = _response(record)
     if response is None:
         return
@@ -66,14 +75,22 @@ def check_response(record: Record) -> Iterator[Finding]:
         yield Finding(NOTE, "delay", where, what)
     else:
         word = "after" if lag > 0.0 else "before"
-        what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: B is wrong by it"
-        mend = f"delay smaller by {lag:.3f} s in the topic's line"
+        own = configuration.estimator.method == "bank" and _FOUND[0] < lag < _FOUND[1]
+        so = "the identifier finds as much in flight (model.delay), B is right but later" if own else "B is wrong by it"
+        what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: "
+        mend = delay_words(-lag, _delay_of(record), "the topic's line")
         if lag > 0.0 and response.following(best - none) < scores[best]:
-            what = what.replace("B is wrong by it", "they are commands, which servos follow")
+            what += "they are commands, which servos follow"
             yield Finding(DOUBTFUL, "delay", where, what, f"map measured deflections; where there are none, {mend}")
             return
-        level = WRONG if gain > _SURE and not 0.0 < lag < _FOUND else DOUBTFUL
-        yield Finding(level, "delay", where, what, mend)
+        yield Finding(WRONG if gain > _SURE and not own else DOUBTFUL, "delay", where, what + so, mend)
+
+
+def _delay_of(record: Record) -> float | None:
+    """Return the delay that the map gives all surfaces in the lines of their topics [s]; None: they differ."""
+    delays = {s.stream.delay for s in effectors_of(record).values()}
+    delays |= {record.inputs.topics[s.stream.source].delay for s in effectors_of(record).values()}
+    return 1e-9 * delays.pop() if len(delays) == 1 else None
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from msls_ros.estimation import Configuration
 from msls_ros.estimation.repeats import SLOWEST, RepeatFilter, repeat_settings
 from msls_ros.inputs.derivatives import usual_intervals
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
-from msls_ros.inputs.input_map import InputMap
+from msls_ros.inputs.input_map import UNITS, InputMap, TopicInput
 from msls_ros.inputs.input_plan import plan
 from msls_ros.inputs.series import Record, Series, TopicTimes
 
@@ -23,6 +23,7 @@ _SHORT = 0.7
 _MEASURED = 0.75
 """Share of the messages that measure a number, below which the others are of note."""
 _EFFECTORS = "effectors."
+_ARRIVAL = "stamp=arrival, or stamp=PATH of a number that counts s, ms, us or ns"
 
 
 def check_fields(record: Record) -> Iterator[Finding]:
@@ -60,7 +61,7 @@ def check_rates(record: Record, configuration: Configuration) -> Iterator[Findin
     for alias, times in record.topics.items():
         if len(times.stamps) < 3:
             continue
-        yield from _check_topic(f"inputs.topics.{alias}", times, inputs.maximum_age)
+        yield from _check_topic(inputs.topics[alias], f"inputs.topics.{alias}", times, inputs.maximum_age)
     clock = record.topics[inputs.clock]
     rate = _rate(clock)
     if rate:
@@ -86,7 +87,7 @@ def _check_window(inputs: InputMap, configuration: Configuration, rate: float) -
         yield Finding(DOUBTFUL, "window", "inputs.intervals", what, "intervals: 0")
 
 
-def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:
+def _check_topic(topic: TopicInput, where: str, times: TopicTimes, age: int) -> Iterator[Finding]:
     steps = np.diff(times.stamps)
     steps = steps[steps > 0]
     if not len(steps):
@@ -103,7 +104,7 @@ def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:
     whole = spans[0] / spans[1] if spans[1] > 0.0 else 1.0
     if min(ratio, whole) > 30.0 or max(ratio, whole) < 1.0 / 30.0:
         what = f"stamps go on {whole:.3g} times as fast as the log's own time"
-        yield Finding(WRONG, "stamps", where, what, "unit=" + _unit(whole) + ", as the stamps count")
+        yield Finding(WRONG, "stamps", where, what, _unit(topic, whole) or _unit(topic, ratio) or _ARRIVAL)
     if times.repeated + times.back > 0.02 * len(times.stamps):
         what = f"{times.repeated} stamps repeat and {times.back} go back, of {len(times.stamps)}"
         level = WRONG if times.repeated + times.back > 0.5 * len(times.stamps) else DOUBTFUL
@@ -114,12 +115,12 @@ def _check_topic(where: str, times: TopicTimes, age: int) -> Iterator[Finding]:
         yield Finding(DOUBTFUL, "gaps", where, what, "nothing is learnt there; look at the recorder or the link")
 
 
-def _unit(ratio: float) -> str:
-    """Return the unit of a number that was read with the wrong one, so many times too large, where it was seconds."""
-    for unit, factor in (("ms", 1e3), ("us", 1e6), ("ns", 1e9)):
-        if 0.3 < ratio / factor < 3.0:
-            return unit
-    return "s, ms, us or ns"
+def _unit(topic: TopicInput, speed: float) -> str:
+    """Return the unit to write for stamps that go on so many times too fast as read; empty where no unit mends it."""
+    if topic.stamp is not None and topic.stamp.text.rpartition(".")[2] == "stamp":
+        return ""  # a time of ROS has its unit
+    fits = (name for name, size in UNITS.items() if 0.3 < size * speed / topic.unit < 3.0)
+    return next((f"unit={name}, as the stamps count" for name in fits), "")
 
 
 def _rate(times: TopicTimes) -> float:

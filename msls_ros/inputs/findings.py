@@ -30,6 +30,22 @@ class Finding:
         return f"{self.where}: {self.what}" + (f" -> {self.change}" if self.change else "")
 
 
+def delay_words(change: float, now: float | None, line: str) -> str:
+    """Return by how much to change a delay, and what to write.
+
+    Parameters
+    ----------
+    change
+        Of the delay [s].
+    now
+        What the map says [s]; None: its lines say different things.
+    line
+        Where it stands.
+    """
+    words = f"delay {'larger' if change > 0.0 else 'smaller'} by {abs(change):.3f} s in {line}"
+    return words if now is None else f"{words}: delay={round(now + change, 3) + 0.0:.3f}"
+
+
 def ordered(findings: Iterable[Finding]) -> list[Finding]:
     """Return findings, the worst first, each once."""
     return sorted(dict.fromkeys(findings), key=lambda f: LEVELS.index(f.level))

@@ -57,5 +57,5 @@ def findings_of(record: Record, configuration: Configuration) -> list[Finding]:
     motion = list(check_motion(record))
     found += motion
     if not any(f.level == WRONG for f in (*motion, *sizes)):
-        found += check_response(record)
+        found += check_response(record, configuration)
     return ordered(found)
