@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
@@ -21,6 +22,8 @@ _COLLINEAR = 0.9995
 """R2 of an effector on the others from which they are one."""
 _CLIPPED = 0.02
 """Share of samples at the end of the range from which it is called saturated."""
+_REST, _STEPS = 3, 0.8
+"""Samples of a rest, and share of the arrivals at an end that come from one, by which an input is one of steps."""
 _EFFECTORS = "effectors."
 
 
@@ -73,12 +76,38 @@ def _size(where: str, series: Series) -> Iterator[Finding]:
 
 
 def _saturation(where: str, values: Array) -> Iterator[Finding]:
+    near = 1e-6 * float(np.ptp(values))
     for end, word in ((values.max(), "upper"), (values.min(), "lower")):
-        share = float(np.mean(np.abs(values - end) <= 1e-6 * np.ptp(values)))
+        at_end = np.abs(values - end) <= near
+        share = float(at_end.mean())
         stays = share > _CLIPPED and share * len(values) > 5
-        if stays and abs(end - np.median(values)) > 0.6 * np.ptp(values) / 2.0:
+        if stays and abs(end - np.median(values)) > 0.6 * np.ptp(values) / 2.0 and not _in_steps(values, at_end, near):
             what = f"{100.0 * share:.0f} % of the time at its {word} end, {np.degrees(end):.1f} deg: saturated"
             yield Finding(DOUBTFUL, "saturation", where, what, "record the surface, not the command, if it can be had")
+
+
+def _in_steps(values: Array, at_end: NDArray[np.bool_], near: float) -> bool:
+    """Whether values (k,) rest at an end (k,) as a multistep input does, which is not limited there.
+
+    It goes from rest to rest, at once; or, through a servo, it rests most of the time, and between the ends as often
+    and as long as at this one. What a law commands beyond a limit comes to the end on its way.
+    """
+    begin = np.append(0, np.flatnonzero(np.abs(np.diff(values)) > near) + 1)
+    length = np.diff(np.append(begin, len(values)))
+    rests = length >= _REST
+    ends = np.logical_or.reduceat(at_end, begin) & rests
+    extreme = np.minimum(values.max() - values[begin], values[begin] - values.min()) <= 0.01 * np.ptp(values)
+    visits = np.flatnonzero(ends)
+    arrivals = visits[visits > 0]
+    if not len(arrivals):
+        return False
+    at_once = rests[arrivals - 1] | ((length[arrivals - 1] == 1) & rests[np.maximum(arrivals - 2, 0)])
+    if float(at_once.mean()) > _STEPS:
+        return True
+    long = rests & (length >= 0.5 * float(np.median(length[visits])))
+    between = long & ~extreme & ~ends
+    as_often = 2 * int(between.sum()) >= len(visits) and length[between].sum() >= length[ends].sum()
+    return bool(as_often and length[long].sum() > 0.5 * len(values))
 
 
 def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:

@@ -523,3 +523,40 @@ def test_noise_of_attitude_and_rates_is_no_wrong_frame(noise: float) -> None:
 def test_a_wrong_sign_of_a_rate_is_found_in_that_noise(signs: str) -> None:
     found = recorded(banking(1.0), 0.006, angular_velocity=f"log rates scale={signs}")
     assert [f.level for f in found if f.kind == "motion"] == [WRONG], found
+
+
+TIME = 0.01 * np.arange(3000)
+STEPS = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])[
+    np.searchsorted([2.0, 5.0, 7.0, 8.0, 9.0], TIME % 15.0, side="right")
+]
+
+
+def through_servo(values: Any, rate: float = 25.0) -> Any:
+    """Return what a servo of first order [1/s] makes of a command at `RATE`."""
+    out, keep = np.array(values), math.exp(-0.01 * rate)
+    for k in range(1, len(out)):
+        out[k] = keep * out[k - 1] + (1.0 - keep) * values[k - 1]
+    return out
+
+
+BINARY = np.repeat(np.random.default_rng(4).choice([-1.0, 1.0], 100), 30)
+STICK = np.sin(0.8 * np.pi * TIME)
+RESTED = np.where(TIME < 8.0, 0.0, np.clip(2.0 * STICK, -1.0, 1.0))
+
+
+def saturations(command: Any) -> list[str]:
+    """Inspect a flight with this elevator, one at most; return what is said of saturation."""
+    flight = replace(fed_back(), delta=np.column_stack([0.1 * command, fed_back().delta[:, 1]]))
+    return [f.what for f in recorded(flight) if f.kind == "saturation"]
+
+
+@pytest.mark.parametrize("command", [STEPS, through_servo(STEPS), np.rint(500.0 * through_servo(STEPS)), BINARY])
+def test_a_deflection_that_rests_at_the_levels_of_an_input_is_not_saturated(command: Any) -> None:
+    assert saturations(command / np.abs(command).max()) == []
+
+
+@pytest.mark.parametrize(
+    "command", [np.clip(1.2 * STICK, -1.0, 1.0), np.clip(4.0 * STICK, -1.0, 1.0), RESTED, np.minimum(STICK, 0.5)]
+)
+def test_a_command_that_goes_beyond_a_limit_is_saturated(command: Any) -> None:
+    assert saturations(command)
