@@ -37,6 +37,9 @@ _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2,
 """Axis that a surface of this name turns the aircraft about: roll, pitch, yaw."""
 _OTHER = 6.0
 """It turns it about another so many times as much, for the names to be exchanged."""
+_YAWS, _ROLLS = 2.0, 1.0
+"""Yaw by the roll of an "aileron", and roll by the yaw of a "rudder", both beyond which the two are exchanged: the yaw
+of no aileron is larger than its roll, but the rudder of a slender aircraft may roll it more."""
 _MOST_POWER = 1000.0
 """Angular acceleration per deflection beyond that of any aircraft [rad/s^2 per rad]."""
 _UNRELATED, _TURNS = 1.4, 0.1
@@ -66,6 +69,7 @@ def check_response(record: Record, configuration: Configuration) -> Iterator[Fin
     if response.turn.shape[1] == 3 and scores[best] < 0.5:
         effects = response.effects(best - none)
         yield from _names(response.names, *effects, response.delta.std(axis=0))
+        yield from _exchanged(response.names, *effects)
     if scores[best] > 0.9:
         yield Finding(NOTE, "response", where, "the surfaces explain less than a tenth of the angular accelerations")
     elif gain < _GAIN or abs(lag) < max(_WORTH, response.step):
@@ -255,6 +259,24 @@ def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Itera
             what = f"turns the aircraft in {about[most]}, hardly in {about[meant]}: the channel of another surface?"
             mend = f"map the one that drives {name}; where this is it, give it another name"
             yield Finding(WRONG, "names", f"inputs.effectors.{name}", what, mend)
+
+
+def _exchanged(names: list[str], effects: Array, left: Array) -> Iterator[Finding]:
+    """Yield that the surfaces for roll and yaw are exchanged, where each does plainly what the other is named for.
+
+    Effects (m, 3) and what is left (3,) are as `_Response.effects` gives them.
+    """
+    about = {axis: [k for k, n in enumerate(names) if _MEANT.get(n.lower()) == axis] for axis in (0, 2)}
+    if any(len(found) != 1 for found in about.values()):
+        return
+    (rolls,), (yaws,) = about[0], about[2]
+    aileron, rudder = effects[rolls], effects[yaws]
+    clear = aileron[2] > left[2] and rudder[0] > left[0]
+    if clear and aileron[2] > _YAWS * aileron[0] and rudder[0] > _ROLLS * rudder[2]:
+        what = f"{names[rolls]} yaws the aircraft {aileron[2] / max(aileron[0], 1e-9):.2g} times as much as it rolls "
+        what += f"it, and {names[yaws]} rolls it more than it yaws it: the two are exchanged"
+        where = f"inputs.effectors.{names[rolls]}, {names[yaws]}"
+        yield Finding(WRONG, "names", where, what, "exchange their channels, or give them other names")
 
 
 def check_derivatives(record: Record) -> Iterator[Finding]:
