@@ -16,6 +16,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY, EARTH
 from msls_ros.inputs.input_map import AIR_DATA, WIND
+from msls_ros.inputs.misalignment import check_misalignment
 from msls_ros.inputs.motion import Motion, Reading
 from msls_ros.inputs.series import Record, Series, on_grid
 
@@ -56,6 +57,8 @@ def check_motion(record: Record) -> Iterator[Finding]:
     if not now:
         return
     bad = {name: value for name, value in now.items() if value > _limit(name)}
+    if "rates" in entries and not any(name.startswith(("rates", "upright")) for name in bad):
+        yield from check_misalignment(motion, reading, entries["rates"])
     wind = list(_wind(motion, reading, now))
     if not bad and not wind and now.get("force", 0.0) > _SEEN:
         yield from _better(motion, reading, entries, now)

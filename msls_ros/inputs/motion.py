@@ -156,6 +156,23 @@ class Motion:
                 found["heading"] = 1.0 - float(ahead.sum() / speed.sum())
         return found
 
+    def turns(self, reading: Reading) -> tuple[Array, Array, Array, int] | None:
+        """Return mean rates over the shorter window by attitude and as measured.
+
+        Returns
+        -------
+        tuple or None
+            Of the attitude and measured (l, 3), FRD [rad/s], the variance (3,) of white noise in those measured, and
+            the steps of the window; None where either is not mapped, or there is less than four windows of them.
+        """
+        turn = self._rotation(reading)
+        rates = self._body(self.rates, reading.rates_frame, reading.rates_scale, reading.rates_axes)
+        width = max(2, round(_WINDOW / self.step))
+        if turn is None or rates is None or len(turn) < 4 * width:
+            return None
+        noise = _square(_third(rates, self.apart)) * min(1.0, 0.5 * self.apart / width)
+        return turned(turn, width, self.step), windowed(rates, width), noise, width
+
     def air_velocity(self, reading: Reading) -> Array | None:
         """Return the velocity less the wind (k, 3) along the axes of the aircraft, FRD [m/s]."""
         turn = self._rotation(reading)
