@@ -14,6 +14,7 @@ import numpy as np
 
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
+from msls_ros.inputs.force_signs import check_force_signs
 from msls_ros.inputs.frames import BODY, EARTH
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.misalignment import check_misalignment
@@ -60,7 +61,9 @@ def check_motion(record: Record) -> Iterator[Finding]:
     if "rates" in entries and not any(name.startswith(("rates", "upright")) for name in bad):
         yield from check_misalignment(motion, reading, entries["rates"])
     wind = list(_wind(motion, reading, now))
-    if not bad and not wind and now.get("force", 0.0) > _SEEN:
+    signs = [] if bad or wind or "force" not in entries else list(check_force_signs(motion, reading, entries["force"]))
+    yield from signs
+    if not bad and not wind and not signs and now.get("force", 0.0) > _SEEN:
         yield from _better(motion, reading, entries, now)
     yield from wind
     if not bad and not wind:

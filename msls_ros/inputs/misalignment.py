@@ -28,6 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.error_regression import regress
 from msls_ros.inputs.findings import DOUBTFUL, WRONG, Finding
 from msls_ros.inputs.motion import Motion, Reading
 
@@ -41,8 +42,6 @@ _MEMORY = 1.0
 """Over which residuals are correlated [s]."""
 _PIECE, _PIECES = 8.0, 6
 """Least length of a piece [s], and pieces at most."""
-_PART = 0.5
-"""Share of the square of a rate that is taken for noise, at most."""
 _TURNING = 0.003
 """Rates below this rms show nothing [rad/s]."""
 _AXES = "xyz"
@@ -122,26 +121,10 @@ def _coefficients(seen: Array, measured: Array, noise: Array, width: int, step: 
         return matrix, variance
     for i in range(3):
         x = np.column_stack([rates[:, moves], slope[:, i]])
-        x -= x.mean(axis=0)
-        y = seen[inner, i] - seen[inner, i].mean()
-        gram = x.T @ x
-        known = len(x) * np.append(noise[moves], 2.0 * noise[i] / (2 * width * step) ** 2)
-        gram -= np.diag(np.minimum(known, _PART * np.diag(gram)))
-        inverse = np.linalg.pinv(gram, rcond=1e-10, hermitian=True)
-        weights = inverse @ x.T @ y
-        scores = x * (y - x @ weights)[:, None]
-        spread = inverse @ _long_run(scores, lags) @ inverse
-        matrix[i, moves], variance[i, moves] = weights[:-1], np.maximum(np.diag(spread)[:-1], 1e-12)
+        known = np.append(noise[moves], 2.0 * noise[i] / (2 * width * step) ** 2)
+        weights, spread = regress(x, seen[inner, i], known, lags)
+        matrix[i, moves], variance[i, moves] = weights[:-1], spread[:-1]
     return matrix, variance
-
-
-def _long_run(scores: Array, lags: int) -> Array:
-    """Return the sum (c, c) of products of scores (k, c) up to so many lags apart, with Bartlett's weights."""
-    total: Array = scores.T @ scores
-    for lag in range(1, lags + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        total = total + (1.0 - lag / (lags + 1)) * (product + product.T)
-    return total
 
 
 def check_misalignment(motion: Motion, reading: Reading, entry: str) -> Iterator[Finding]:

@@ -173,6 +173,31 @@ class Motion:
         noise = _square(_third(rates, self.apart)) * min(1.0, 0.5 * self.apart / width)
         return turned(turn, width, self.step), windowed(rates, width), noise, width
 
+    def pulls(self, reading: Reading) -> tuple[Array, Array, Array, Array, int] | None:
+        """Return mean specific forces over the shorter window by velocity and as felt, along the aircraft's axes.
+
+        Returns
+        -------
+        tuple or None
+            Of the velocity and felt (l, 3), FRD [m/s^2], mean angular accelerations (l, 3) [rad/s^2], the variance (3,)
+            of white noise in those felt, and the steps of the window; None where one of them is not mapped, or there is
+            less than four windows of them.
+        """
+        turn = self._rotation(reading)
+        rates = self._body(self.rates, reading.rates_frame, reading.rates_scale, reading.rates_axes)
+        force = self._body(self.force, reading.force_frame, reading.force_scale, reading.force_axes)
+        width = max(2, round(_WINDOW / self.step))
+        velocity = None if turn is None else self._velocity(turn, reading, rates)
+        if turn is None or rates is None or force is None or velocity is None or len(turn) < 4 * width:
+            return None
+        over = width * self.step
+        middle = turn[width // 2 :][: len(turn) - width]
+        change = (velocity[width:] - velocity[:-width]) / over - [0.0, 0.0, GRAVITY]
+        sides = change, windowed(np.einsum("kij,kj->ki", turn, force), width)
+        shown, felt = (np.einsum("kji,kj->ki", middle, side) for side in sides)
+        noise = _square(_third(force, self.apart)) * min(1.0, 0.5 * self.apart / width)
+        return shown, felt, (rates[width:] - rates[:-width]) / over, noise, width
+
     def air_velocity(self, reading: Reading) -> Array | None:
         """Return the velocity less the wind (k, 3) along the axes of the aircraft, FRD [m/s]."""
         turn = self._rotation(reading)
