@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
-from inputs.mapped_messages import Array, Flight, rigid_flight
+from inputs import mapped_messages as made
+from inputs.mapped_messages import Array, Flight, rigid_flight, write_bag
 
+from msls_ros.commands import inspect
 from msls_ros.inputs.check_motion import LIMITS
 from msls_ros.inputs.force_signs import check_force_signs, force_slopes
 from msls_ros.inputs.motion import Motion, Reading
@@ -74,3 +79,17 @@ def test_without_rates_or_in_a_short_flight_nothing_is_said() -> None:
     assert force_slopes(Motion(0.02, euler=whole.euler, velocity=whole.velocity, force=whole.force), Reading()) is None
     parts = {name: getattr(whole, name)[:350] for name in ("euler", "rates", "velocity", "force")}
     assert force_slopes(Motion(0.02, **parts), Reading()) is None
+
+
+@pytest.mark.parametrize("signs", ["1,1,1", "1,-1,1"])
+def test_a_bag_whose_side_force_has_the_wrong_sign_is_refused(
+    signs: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    flight = replace(flown(), effectors=("elevator", "aileron", "rudder"))
+    bag = write_bag(tmp_path / "bag", made.standard(flight), tmp_path / "definitions")
+    text = (Path(__file__).parents[2] / "config" / "inputs" / "odometry_jointstate.yaml").read_text()
+    line = re.search(r'specific_force: "(.*)"', text)
+    assert line
+    (tmp_path / "map.yaml").write_text(text.replace(line[1], f"{line[1]} scale={signs}"))
+    refused = inspect.main([str(bag), "--params", str(tmp_path / "map.yaml")])
+    assert (refused == 1) == ("-" in signs) == (f"change: scale={signs}" in capsys.readouterr().out)
