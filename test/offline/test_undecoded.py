@@ -10,7 +10,7 @@ from inputs import mapped_messages as made
 from inputs.mapped_messages import rigid_flight
 
 from msls_ros.bags import BagWriter
-from msls_ros.commands import inspect
+from msls_ros.commands import inspect, report
 
 
 @pytest.mark.parametrize("damaged", [True, False])
@@ -29,3 +29,6 @@ def test_an_inspection_counts_messages_that_cannot_be_decoded(
     said = " ".join(capsys.readouterr().out.split())
     assert ("100 messages, none can be decoded:" in said and "5 bytes that are not a message" in said) == damaged
     assert ("has no message in this log" in said) != damaged
+    assert report.main([str(tmp_path / "bag"), "--params", "odometry_jointstate", "--out", str(tmp_path / "page")]) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert ("100 messages, none can be decoded:" in said) == damaged, "and so does the report"
