@@ -14,8 +14,9 @@ from msls_ros.inputs.check_motion import wind_of
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY
 from msls_ros.inputs.input_map import AIR_DATA, WIND
-from msls_ros.inputs.motion import Motion, Reading, beyond_noise, misfit, noise_of, windowed
+from msls_ros.inputs.motion import Motion, Reading
 from msls_ros.inputs.series import Record, Series, on_grid
+from msls_ros.inputs.windows import beyond_noise, misfit, noise_of, windowed
 
 _STEP = 0.01
 _WINDOW = 0.06

@@ -30,6 +30,7 @@ import numpy as np
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
 from msls_ros.inputs.frames import BODY, EARTH
+from msls_ros.inputs.windows import beyond_noise, mean_squares, third_differences, windowed
 
 _WINDOW, _LONG = 0.2, 0.8
 """Over which turns, and changes of velocity, are taken [s]."""
@@ -43,9 +44,6 @@ _ALONG = 0.6
 """The same, along one axis [m/s^2]."""
 _FLYING = 3.0
 """Speed from which an aircraft is expected to move ahead [m/s]."""
-
-_NORMAL = 0.6745
-"""Median size of a normal variable of standard deviation 1."""
 
 SIGNALS = ("quaternion", "euler", "rates", "velocity", "force", "airspeed", "alpha", "beta", "wind")
 """What a `Motion` holds."""
@@ -170,7 +168,7 @@ class Motion:
         width = max(2, round(_WINDOW / self.step))
         if turn is None or rates is None or len(turn) < 4 * width:
             return None
-        noise = _square(_third(rates, self.apart)) * min(1.0, 0.5 * self.apart / width)
+        noise = mean_squares(third_differences(rates, self.apart)) * min(1.0, 0.5 * self.apart / width)
         return turned(turn, width, self.step), windowed(rates, width), noise, width
 
     def pulls(self, reading: Reading) -> tuple[Array, Array, Array, Array, int] | None:
@@ -195,7 +193,7 @@ class Motion:
         change = (velocity[width:] - velocity[:-width]) / over - [0.0, 0.0, GRAVITY]
         sides = change, windowed(np.einsum("kij,kj->ki", turn, force), width)
         shown, felt = (np.einsum("kji,kj->ki", middle, side) for side in sides)
-        noise = _square(_third(force, self.apart)) * min(1.0, 0.5 * self.apart / width)
+        noise = mean_squares(third_differences(force, self.apart)) * min(1.0, 0.5 * self.apart / width)
         return shown, felt, (rates[width:] - rates[:-width]) / over, noise, width
 
     def air_velocity(self, reading: Reading) -> Array | None:
@@ -280,22 +278,6 @@ def air_velocities(air: Array) -> Array:
     return np.stack([ahead * np.cos(alpha), speed * np.sin(beta), ahead * np.sin(alpha)], axis=1)
 
 
-def windowed(values: Array, width: int) -> Array:
-    """Return the means (k - width, c) over windows of so many steps, by trapezoids."""
-    middle = 0.5 * (values[1:] + values[:-1])
-    total = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(middle, axis=0)])
-    return np.asarray((total[width:] - total[:-width]) / width)
-
-
-def noise_of(values: Array) -> Array:
-    """Return the variance (c,) of white noise in samples (k, c), of which most change as a smooth curve does.
-
-    It is that of their third differences, 20 times as large; steps of an input are not many enough to count.
-    """
-    third = np.diff(values, 3, axis=0)
-    return np.asarray(np.square(np.median(np.abs(third), axis=0) / _NORMAL) / 20.0)
-
-
 def turned(turn: Array, width: int, step: float) -> Array:
     """Return the mean rates (k - width, 3) [rad/s] that an attitude shows over windows of so many steps."""
     between = np.einsum("kji,kjl->kil", turn[:-width], turn[width:])
@@ -313,53 +295,13 @@ def turned(turn: Array, width: int, step: float) -> Array:
     return np.asarray(vector * factor[:, None] / (width * step))
 
 
-def misfit(a: Array, b: Array) -> float:
-    """Return 2 |a - b|^2 / (|a|^2 + |b|^2)."""
-    both = float((a * a).sum() + (b * b).sum())
-    return 2.0 * float(((a - b) ** 2).sum()) / both if both > 0.0 else 0.0
-
-
-def _third(values: Array, apart: int) -> Array:
-    """Return the third differences (k - 3 apart, c) of samples so many steps apart, over the root of 20.
-
-    Of white noise they have the variance.
-    """
-    if not apart:
-        return values[:0]
-    near, far = values[2 * apart : -apart] - values[apart : -2 * apart], values[3 * apart :] - values[: -3 * apart]
-    return np.asarray((far - 3.0 * near) / np.sqrt(20.0))
-
-
-def _square(values: Array) -> Array:
-    """Return the mean squares (c,)."""
-    return np.asarray(np.square(values).mean(axis=0)) if len(values) else np.zeros(values.shape[1])
-
-
-def beyond_noise(a: Array, b: Array, noise: tuple[Array, Array]) -> tuple[float, float, float] | None:
-    """Return the misfit of two sides (k, c) and the rms of each, without noise of these variances (c,) of a sample.
-
-    Returns
-    -------
-    tuple or None
-        None where noise makes up more than half of the two sides: they cannot be compared.
-    """
-    powers = [float(_square(side).sum()) for side in (a, b)]
-    shares = [min(float(n.sum()), power) for n, power in zip(noise, powers, strict=True)]
-    sizes = [power - n for n, power in zip(shares, powers, strict=True)]
-    both = sum(sizes)
-    if both < sum(shares):
-        return None
-    left = max(float(_square(a - b).sum()) - sum(shares), 0.0)
-    return (2.0 * left / both if both > 0.0 else 0.0, float(np.sqrt(sizes[0])), float(np.sqrt(sizes[1])))
-
-
 def _rates(turn: Array, rates: Array, widths: Sequence[int], step: float, apart: int) -> Mapping[str, float]:
     """Return the misfit about each axis, of the first window in which it stands out of the noise."""
     second = np.zeros((0, 3))
     if apart:
         little = apart * step * turned(turn, apart, step)
         second = little[2 * apart :] - 2.0 * little[apart:-apart] + little[: -2 * apart]
-    angle, gyro = _square(second) / 20.0, _square(_third(rates, apart))
+    angle, gyro = mean_squares(second) / 20.0, mean_squares(third_differences(rates, apart))
     found: dict[str, float] = {}
     hidden = dict(enumerate("PQR"))
     for width in widths:
@@ -380,7 +322,7 @@ def _force(velocity: Array, pull: Array, width: int, step: float, apart: int) ->
     change = (velocity[width:] - velocity[:-width]) / (width * step)
     felt = windowed(pull, width)
     change, felt = change - change.mean(axis=0), felt - felt.mean(axis=0)
-    moved, held = (_square(_third(side, apart)) for side in (velocity, pull))
+    moved, held = (mean_squares(third_differences(side, apart)) for side in (velocity, pull))
     noise = 2.0 * moved / (width * step) ** 2, held * min(1.0, 0.5 * apart / width)
     one = beyond_noise(change, felt, noise)
     if one is None or max(one[1:]) < np.sqrt(3.0) * _MOVING:
@@ -399,9 +341,9 @@ def _along(
     """
     found: dict[str, list[float]] = {name: [] for name in "XYZ"}
     calm: set[str] = set()
-    third = _third(velocity, apart)
+    third = third_differences(velocity, apart)
     shaken = np.einsum("kji,kj->ki", turn[apart:][: len(third)], third)
-    speed, force = _square(shaken), _square(_third(np.einsum("kji,kj->ki", turn, pull), apart))
+    speed, force = mean_squares(shaken), mean_squares(third_differences(np.einsum("kji,kj->ki", turn, pull), apart))
     for width in widths:
         change = (velocity[width:] - velocity[:-width]) / (width * step) - [0.0, 0.0, GRAVITY]
         middle = turn[width // 2 :][: len(change)]
