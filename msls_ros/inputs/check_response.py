@@ -38,9 +38,10 @@ _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2,
 """Axis that a surface of this name turns the aircraft about: roll, pitch, yaw."""
 _OTHER = 6.0
 """It turns it about another so many times as much, for the names to be exchanged."""
-_YAWS, _ROLLS = 2.0, 1.0
-"""Yaw by the roll of an "aileron", and roll by the yaw of a "rudder", both beyond which the two are exchanged: the yaw
-of no aileron is larger than its roll, but the rudder of a slender aircraft may roll it more."""
+_YAWS, _CROSSED = 1.2, 5.0
+"""Yaw by an "aileron" over its roll, and that times roll by the "rudder" over its yaw, from which they are exchanged.
+The second alone, in which units and inertia cancel, is 4.6 of an Aerosonde, whose rudder rolls and whose aileron yaws;
+the first is .4 there."""
 _MOST_POWER = 1000.0
 """Angular acceleration per deflection beyond that of any aircraft [rad/s^2 per rad]."""
 _UNRELATED, _TURNS = 1.4, 0.1
@@ -272,10 +273,10 @@ def _exchanged(names: list[str], effects: Array, left: Array) -> Iterator[Findin
         return
     (rolls,), (yaws,) = about[0], about[2]
     aileron, rudder = effects[rolls], effects[yaws]
-    clear = aileron[2] > left[2] and rudder[0] > left[0]
-    if clear and aileron[2] > _YAWS * aileron[0] and rudder[0] > _ROLLS * rudder[2]:
-        what = f"{names[rolls]} yaws the aircraft {aileron[2] / max(aileron[0], 1e-9):.2g} times as much as it rolls "
-        what += f"it, and {names[yaws]} rolls it more than it yaws it: the two are exchanged"
+    clear = aileron[2] > max(left[2], _YAWS * aileron[0]) and rudder[0] > left[0]
+    if clear and aileron[2] * rudder[0] > _CROSSED * aileron[0] * rudder[2]:
+        what = f"by {names[rolls]} the aircraft yaws, and by {names[yaws]} it rolls, more than the other way round: "
+        what += "the two are exchanged"
         where = f"inputs.effectors.{names[rolls]}, {names[yaws]}"
         yield Finding(WRONG, "names", where, what, "exchange their channels, or give them other names")
 

@@ -341,7 +341,7 @@ WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
         lambda: look(joints("rudder", "aileron", "elevator")), "dr: turns the aircraft in pitch, hardly in yaw",
     ),
     "aileron and rudder exchanged": (
-        lambda: look(joints("elevator", "rudder", "aileron")), "da, dr: da yaws .* the two are exchanged",
+        lambda: look(joints("elevator", "rudder", "aileron")), "da, dr: by da the aircraft yaws.* exchanged",
     ),
     "radians scaled once more": (
         lambda: look(joints(*NAMES, more=" scale=0.0174533")), "moves further than the map says.*57.3 times",
