@@ -26,6 +26,8 @@ _REASONS = {
 
 HELD = 3
 """Samples, beyond one for two regressors, for which a name must stand before it is given."""
+RECOVERY = 4
+"""Samples, for one regressor, after an alarm, before which no row has recovered; its own is the first of them."""
 LONGEST = 60.0
 """For so long at most what may have been lost waits for an input that shows what is left of it [s]."""
 MEMORY = LOSSES[-1].memory
@@ -89,7 +91,7 @@ class Supervisor:
         found = [q for q in range(len(alarm)) if alarm[q]]
         for q in found:
             self._isolating.setdefault(q, time)
-            self._recovering.add(q)
+            self._recovering[q] = time
         names = tuple(self._c.rows[q] for q in found)
         values = tuple(float(statistic[q]) - self._offset for q in found)
         equations = ", ".join(f"d{n}/dt" for n in names)
@@ -114,7 +116,7 @@ class Supervisor:
     def drop(self) -> None:
         """Watch nothing any more; the count of alarms stays."""
         self._isolating: dict[int, float] = {}
-        self._recovering: set[int] = set()
+        self._recovering: dict[int, float] = {}
         self._tried = 0.0
         slow = round(SLOW * self._c.sample_rate)
         self._decision = Decision(HELD + len(self._c.regressors) // 2, slow, MEMORY / SLOW)
@@ -230,11 +232,17 @@ class Supervisor:
         return FaultEvent(time, EventKind.ISOLATED, rows, statistics, limits, name, effectiveness, error, text)
 
     def _recover(self, time: float, regression: Engine) -> list[FaultEvent]:
-        """Return the event of the rows whose penalty has ramped back to normal."""
-        done = sorted(q for q in self._recovering if regression.recovered(q))
+        """Return the event of the rows that are back at normal settings since their last alarm.
+
+        Where a loss is taken into the estimate as it stands (`losses`), a row does not begin anew; that is no recovery
+        yet, which takes as many samples there as elsewhere.
+        """
+        least = (RECOVERY * len(self._c.regressors) - 1.5) / self._c.sample_rate
+        done = [q for q, since in sorted(self._recovering.items()) if time - since > least and regression.recovered(q)]
         if not done:
             return []
-        self._recovering.difference_update(done)
+        for q in done:
+            del self._recovering[q]
         rows = tuple(self._c.rows[q] for q in done)
         text = f"{', '.join(f'd{r}/dt' for r in rows)}: the estimate is back at its normal settings"
         return [FaultEvent(time, EventKind.RECOVERED, rows, (), (), description=text)]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from estimation.test_bank_responses import fly
 
+from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.rows import split_bank
 from msls_ros.estimation.bank.suspects import find_suspects, suspect_square
@@ -86,3 +87,29 @@ def test_a_suspect_may_have_lost_half_of_its_effect_on_rows_that_did_not_alarm(e
     assert suspect_square(s, x, 1, first) == pytest.approx((0.5 * 0.4) ** 2)
     assert suspect_square(s, x, 0, first) == 0.0, "it begins anew"
     assert suspect_square(s, x, 1, first + 1) == 0.0
+
+
+@pytest.mark.parametrize("over", [0, 100])
+def test_no_row_has_recovered_when_it_alarms_nor_sooner_than_after_four_samples_per_regressor(over: int) -> None:
+    """A loss at once, of which rows begin anew, and one over 2 s, which the estimate takes in as it stands."""
+    random = np.random.default_rng(0)
+    count, period = 700, 0.02
+    delta = random.normal(0.0, 0.1, (count, 2))
+    x = random.normal(0.0, 0.1, (count, 5)) + np.array([100.0, 1.0, 0.0, 0.0, 0.1])
+    b = np.array([[1.0, 0.2], [-5.0, 0.5], [-3.0, 1.0], [0.0, 0.0], [0.0, 0.0]])
+    left = np.interp(np.arange(count), [300, 301 + over], [1.0, 0.0])
+    moved = delta * np.column_stack([left, np.ones(count)])
+    xdot = -0.5 * x + moved @ b.T + random.normal(0.0, 0.03, (count, 5))
+    c = from_mapping({"states": ("u", "w", "Q", "Phi", "Theta"), "effectors": ("de", "dr")})
+    run = Identifier(c).run(period * np.arange(count), x, xdot, delta)
+    alarmed: dict[str, float] = {}
+    recovered = 0
+    for event in (e for one in run.estimates for e in one.events):
+        for row in event.equations:
+            if event.kind == EventKind.DETECTED:
+                alarmed[row] = event.time
+            elif event.kind == EventKind.RECOVERED:
+                waited = (event.time - alarmed.pop(row)) / period
+                assert waited >= 4 * len(c.regressors) - 1.01
+                recovered += 1
+    assert recovered >= 2

@@ -23,6 +23,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from msls_ros.estimation import Level
+from msls_ros.estimation.dither.answer import REASONS
 from msls_ros.estimation.dither.sequences import CREST
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import GRAVITY
@@ -183,6 +184,17 @@ def test_what_was_let_through_by_a_b_hat_that_was_too_small_is_held_back_from_th
         assert seconds[:51].max() > 1.4, "what nobody knows nobody can hold back"
         largest.append(seconds[85:].max())
     assert max(largest) < 1.1, "three tenths of the window are of before; as entered it would be 1.2"
+
+
+def test_a_dither_that_the_window_holds_at_zero_says_so() -> None:
+    """B-hat grows threefold: the last second was felt as three times the limit, and nothing may be sent for a while."""
+    dither, _ = law()
+    shrunk = known(300, aircraft())
+    shrunk.b[:150] /= 3.0
+    block = drive(dither, shrunk)
+    zero = ~block.delta.any(axis=1)
+    said = np.array([REASONS[code].startswith("held at zero") for code in block.reason])
+    assert zero[150:200].sum() > 10 and (said == zero).all()
 
 
 @pytest.mark.parametrize("variance", [0.0, 1e300, math.inf, math.nan])

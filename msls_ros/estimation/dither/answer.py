@@ -46,9 +46,10 @@ REASONS = (
     "acceleration limit",
     "known to dither.target_error",
     "not flying",
+    "held at zero, as the last second was felt as all that the acceleration limit allows",
 )
-DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN, NOT_FLYING = range(
-    len(REASONS)
+DISABLED, GAP, NOT_FINITE, NOT_EXCITED, CAPPED, EQUATION_23, FROZEN, ACCELERATION, KNOWN, NOT_FLYING, HELD_AT_ZERO = (
+    range(len(REASONS))
 )
 
 

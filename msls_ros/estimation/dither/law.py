@@ -12,6 +12,7 @@ from msls_ros.estimation.dither.answer import (
     DISABLED,
     EQUATION_23,
     GAP,
+    HELD_AT_ZERO,
     KNOWN,
     NOT_EXCITED,
     NOT_FINITE,
@@ -108,6 +109,18 @@ def answer(law: Law, x: Effectors, k: int, at: Instant, comb: Comb, work: Dither
     out.rms[k], out.reason[k] = find_rms(law, x, at, aim, raised, gain, work)
     predicted = command(law, x, at, comb, budget, work, out.delta[k])
     out.predicted_acceleration[k] = min(predicted / GRAVITY, limit)
+    if budget.unit > 0.0 and out.rms[k] > 0.0 and is_zero(out.delta[k]):
+        out.reason[k] = HELD_AT_ZERO
+
+
+@compiled
+def is_zero(values: Array) -> bool:
+    """Whether all values, (m,), are zero: of commands that are wanted, only where the window leaves nothing."""
+    found = True
+    for j in range(values.shape[0]):
+        if values[j] != 0.0:
+            found = False
+    return found
 
 
 @compiled
