@@ -219,6 +219,11 @@ class InputAdapter:
         """Rows held until it is seen whether a number that has jumped comes back: a spike, see `SpikeFilter`."""
         return self._held
 
+    @property
+    def held_for(self) -> int:
+        """Time from the last row that was used to the newest that is held [ns]; 0: none is."""
+        return self._newest - self._last_used if self._held else 0
+
     def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:
         """Take a message.
 
@@ -314,7 +319,7 @@ class InputAdapter:
         self._lagging: dict[int, tuple[int, Values]] = {}
         self._aligner.clear()
         self._spikes.clear()
-        self._held = 0
+        self._held = self._last_used = self._newest = 0
         if self._filter is not None:
             self._filter.clear()
         if paced:
@@ -397,7 +402,8 @@ class InputAdapter:
             yield from self._made(t, np.array(row), None, [at.get(f"d{name}", 0.0) for name in _RATES])
             return
         rows = self._spikes.push(t, np.array(row))
-        self._held = 0 if rows else self._held + 1
+        self._held, self._newest = 0 if rows else self._held + 1, t
+        self._last_used = rows[-1][0] if rows else self._last_used
         for stamp in self._spikes.dropped:
             name = self._names[self._spikes.furthest]
             self._refuse(Refused("spike", f"{name} at {stamp * 1e-9:.3f} s jumps, and is back at {t * 1e-9:.3f} s"))

@@ -29,6 +29,7 @@ from msls_ros.estimation import (
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
+from msls_ros.inputs.dither_echo import DitherEcho
 from msls_ros.inputs.freshness import Freshness, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
@@ -246,6 +247,7 @@ class IdentifierNode(LifecycleNode):
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
         self._held, self._arrivals = 0, Arrivals()
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
+        self._echo = DitherEcho(configuration.effectors, configuration.sample_rate)
         self._pace, self._sample_rate = "", configuration.sample_rate
         return self._identifier
 
@@ -275,7 +277,7 @@ class IdentifierNode(LifecycleNode):
             return
         if self._adapter.held != self._held:
             self._held = self._adapter.held
-            self._arrivals.held = self._steady() if self._held else 0
+            self._hold_dither()
         for text in self._adapter.newly_slow():
             self.get_logger().warning(text)
         slowest, rate = self._adapter.pace
@@ -286,14 +288,23 @@ class IdentifierNode(LifecycleNode):
             )
             self.get_logger().info(text)
         self._rate.expect(rate or self._sample_rate)
-        for row in rows:
-            self._offer(partial(row.offer, self._synchronizer))
+        for number, row in enumerate(rows, 1):
+            self._offer(partial(row.offer, self._synchronizer), number == len(rows))
+
+    def _hold_dither(self) -> None:
+        """Have the last dither go on while rows are held: its stamp is that of the row that it would have answered."""
+        self._arrivals.held = self._steady() if self._held else 0
+        if self._held and not self._stale and self._sample is not None and self._pause() is None:
+            assert self._identifier is not None and self._adapter is not None
+            self._arrivals.answered = self._sample.stamp + self._adapter.held_for
+            self._outputs.dither(self._arrivals.answered, self._identifier.last_dither)
+            self._watch.reset()
 
     def _refuse(self, refused: Refused) -> None:
         self._refusals.take(self._synchronizer.refuse(refused.reason, str(refused)))
 
-    def _offer(self, add: Callable[[], PairedSample | None]) -> None:
-        """Put a message through the gate; use the sample that it completes."""
+    def _offer(self, add: Callable[[], PairedSample | None], newest: bool = True) -> None:
+        """Put a message through the gate; use the sample that it completes, the newest of those that there are."""
         start = time.monotonic_ns()
         try:
             sample = add()
@@ -301,10 +312,10 @@ class IdentifierNode(LifecycleNode):
             self._refusals.take(refused)
             return
         if sample is not None:
-            self._use(sample)
+            self._use(sample, newest)
             self._monitor.took(time.monotonic_ns() - start)
 
-    def _use(self, sample: PairedSample) -> None:
+    def _use(self, sample: PairedSample, newest: bool = True) -> None:
         """Update with a sample and publish what comes of it."""
         assert self._identifier is not None
         if sample.restarted:
@@ -312,6 +323,7 @@ class IdentifierNode(LifecycleNode):
             self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._identifier.reset()
             self._rate.clear()
+            self._arrivals.answered = 0
         elif self._sample is None:
             self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
         flew, spikes, rate = self._identifier.flying, self._identifier.spikes, self._identifier.learning_rate
@@ -325,12 +337,13 @@ class IdentifierNode(LifecycleNode):
             why = f": {self._identifier.repeating} is not measured oftener" if self._identifier.repeated else ""
             self.get_logger().info(f"learning from {self._identifier.learning_rate:.4g} samples a second{why}")
         self._sample = sample
-        if self._old(sample):
-            self._monitor.old += 1
-        else:
+        old = self._old(sample, newest)
+        if not old:
             self._stale, self._arrivals.fresh = False, self._steady()
             self._watch.reset()
-            self._outputs.dither(sample.stamp, dither)
+            if sample.stamp > self._arrivals.answered:
+                self._outputs.dither(sample.stamp, dither)
+        self._echo.take(sample.time, sample.delta, None if old else dither.delta)
         for event in self._identifier.take_events():
             self._publish_event(sample, event)
         self._model_due = self._model_due or self._identifier.samples % self._p["publish_every"] == 0
@@ -350,8 +363,11 @@ class IdentifierNode(LifecycleNode):
         self._model_due = False
         self._outputs.model(self._sample.stamp, self._identifier.estimate(self._sample.time, self._sample.x))
 
-    def _old(self, sample: PairedSample) -> bool:
-        """Whether a sample is too old to be answered by a dither; it is learnt from all the same."""
+    def _old(self, sample: PairedSample, newest: bool) -> bool:
+        """Whether a sample is too old to be answered by a dither; it is learnt from all the same.
+
+        Of those that come at once, as when a jump is seen to be none, the age of the newest is told.
+        """
         if self._p["lockstep"]:
             return False
         assert self._identifier is not None
@@ -360,6 +376,9 @@ class IdentifierNode(LifecycleNode):
         self._monitor.backlog = max(round(age * c.sample_rate), 0)
         if age <= c.dither.stale_after:
             return False
+        if not newest:
+            return True
+        self._monitor.old += 1
         self._arrivals.late = self._steady()
         text = f"samples are {age:.2f} s old, more than {c.dither.stale_after:g} s: learnt from, but no dither for them"
         self.get_logger().warning(text, throttle_duration_sec=1.0)
@@ -413,6 +432,7 @@ class IdentifierNode(LifecycleNode):
         self._identifier.reset()
         self._synchronizer.clear()
         self._rate.clear()
+        self._arrivals.answered = 0
         if self._adapter is not None:
             self._adapter.clear()
         response.success, response.message = True, "the estimate starts anew"
@@ -472,14 +492,17 @@ class IdentifierNode(LifecycleNode):
         level, message = judged(self._identifier, self._rate, self._active, pause)
         if self._active and self._sample is None:
             message = self._waiting()
+        if self._active and self._echo.judge():
+            self.get_logger().warning(self._echo.sentence)
         values = {
-            **told(self._identifier, self._synchronizer, pause),
+            **told(self._identifier, self._synchronizer, pause, self._echo),
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
             **self._monitor.report(),
         }
+        found = [self._echo.sentence] if self._active and self._echo.missing else []
         if self._adapter is not None:
             slow = self._adapter.too_slow
             values |= {f"{topic}: too slow [samples]": n for topic, n in self._adapter.slow.samples.items()}
-            level = DiagnosticStatus.WARN if slow and level == DiagnosticStatus.OK else level
-            message = "; ".join([message, *slow.values()])
-        return Health(level, message, values)
+            found += slow.values()
+        level = DiagnosticStatus.WARN if found and level == DiagnosticStatus.OK else level
+        return Health(level, "; ".join([message, *found]), values)

@@ -12,7 +12,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from msls_ros.estimation import Identifier
 from msls_ros.estimation.compiled import HAVE_NUMBA
+from msls_ros.estimation.spikes import LONGEST
 from msls_ros.inputs import Synchronizer
+from msls_ros.inputs.dither_echo import DitherEcho
 from msls_ros.inputs.freshness import RateWatch
 
 REMEMBERED = 1000
@@ -123,7 +125,12 @@ class Arrivals:
         self.fresh: int | None = None
         """The last fresh one [ns]."""
         self.held = self.late = 0
-        """When the last one came that is held as it may be a spike, and the last that was too old [ns]."""
+        """When the last one came that is held as it may be a spike, and the last that was too old [ns].
+
+        Data that arrive are not stale while they are held: that is no pause, for as long as a spike may last.
+        """
+        self.answered = 0
+        """Stamp up to which the last dither has been held for those [ns]."""
 
     def pause(self, now: int, limit: float, monitor: Monitor) -> Pause | None:
         """Return why no fresh sample has come for longer than a limit [s]; None: one has.
@@ -139,7 +146,8 @@ class Arrivals:
         """
         since = self.fresh or 0
         age = (now - since) * 1e-9 if self.fresh is not None else 0.0
-        if self.fresh is not None and age <= limit:
+        waits = (now - self.held) * 1e-9 <= limit and age <= limit + LONGEST
+        if self.fresh is not None and (age <= limit or waits):
             return None
         more = f"more than {limit:g} s"
         if 2 * (self.held - since) > now - since:
@@ -152,7 +160,7 @@ class Arrivals:
         return Pause(f"no sample for {age:.2f} s, {more}", message, False)
 
 
-def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None) -> dict[str, object]:
+def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None, echo: DitherEcho) -> dict[str, object]:
     """Return what an identifier has to tell in /diagnostics.
 
     Parameters
@@ -161,6 +169,8 @@ def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None) -> dic
         With their counts.
     pause
         Why there is no fresh sample; None: there is.
+    echo
+        What is known of the dither in the deflections.
     """
     dither = identifier.last_dither
     why = f"inhibited: {pause.reason}" if pause else f"{dither.level.name.lower()}: {dither.reason}"
@@ -177,6 +187,8 @@ def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None) -> dic
         "learnt from [Hz]": f"{identifier.learning_rate:.4g}",
         "motion made by gusts [%]": round(100.0 * identifier.air),
         "dither": why,
+        "dither not in the deflections": ", ".join(echo.missing) or "none",
+        "dither not in the deflections [times found]": echo.times,
         "kernels": "compiled" if HAVE_NUMBA else "interpreted",
     }
 

@@ -101,7 +101,7 @@ def test_no_row_has_recovered_when_it_alarms_nor_sooner_than_after_four_samples_
     moved = delta * np.column_stack([left, np.ones(count)])
     xdot = -0.5 * x + moved @ b.T + random.normal(0.0, 0.03, (count, 5))
     c = from_mapping({"states": ("u", "w", "Q", "Phi", "Theta"), "effectors": ("de", "dr")})
-    run = Identifier(c).run(period * np.arange(count), x, xdot, delta)
+    run = Identifier(c).run(period * np.arange(count, dtype=np.float64), x, xdot, delta)
     alarmed: dict[str, float] = {}
     recovered = 0
     for event in (e for one in run.estimates for e in one.events):
