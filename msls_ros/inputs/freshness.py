@@ -18,6 +18,10 @@ LONG = 3
 that come in bursts."""
 
 
+FASTER, SPAN, LOST = 1.5, 500_000_000, 0.03
+"""Stamps over the clock that are faster than real time; least time of the clock to say so [ns]; least share lost."""
+
+
 class Freshness:
     """The age of samples by their own stamps.
 
@@ -111,4 +115,57 @@ class RateWatch:
             self._told = False
             return False
         told, self._told = self._told, True
+        return not told
+
+
+class LossWatch:
+    """Whether samples get lost because they come faster than real time, as from a bag or a simulation.
+
+    A queue holds as much time as a sample is of use in flight; at ten times real time that is a tenth of it.
+
+    Parameters
+    ----------
+    nominal
+        Rate of the samples [Hz].
+    queue
+        What the queues hold [s of samples].
+    """
+
+    def __init__(self, nominal: float, queue: float) -> None:
+        """Begin; see the class."""
+        self._period, self._queue = 1e9 / nominal, queue
+        self._last = self._missing = 0
+        self._since: tuple[int, int] | None = None
+        self.lost = 0
+        """Samples lost so, by their stamps."""
+        self.sentence = ""
+        """What to do about it; empty: nothing is lost."""
+
+    def expect(self, nominal: float) -> None:
+        """Count by another rate from now on [Hz]."""
+        self._period = 1e9 / nominal
+
+    def take(self, stamp: int, now: int) -> bool:
+        """Take a sample's stamp and a steady clock [ns]; return whether a loss is to be told of now: once until over.
+
+        Stamps that go back, or on by more than `WINDOW`, begin anew.
+        """
+        if self._since is None or not 0 < stamp - self._last <= WINDOW:
+            self._since, self._last, self._missing = (stamp, now), stamp, 0
+            return False
+        self._missing += max(round((stamp - self._last) / self._period) - 1, 0)
+        self._last = stamp
+        span, passed = stamp - self._since[0], now - self._since[1]
+        if span < WINDOW or passed < SPAN:
+            return False
+        told, speed, missing = bool(self.sentence), span / passed, self._missing
+        self._since, self._missing, self.sentence = (stamp, now), 0, ""
+        if speed < FASTER or missing < LOST * span / self._period:
+            return False
+        self.lost += missing
+        share = 100.0 * missing * self._period / span
+        self.sentence = (
+            f"samples come {speed:.3g} times as fast as real time, and {share:.0f} % of them are lost: start with a "
+            f"larger 'queue', {speed * self._queue:.2g} or more; it is {self._queue:g} s of samples"
+        )
         return not told

@@ -30,7 +30,7 @@ from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
 from msls_ros.inputs.dither_echo import DitherEcho
-from msls_ros.inputs.freshness import Freshness, RateWatch
+from msls_ros.inputs.freshness import Freshness, LossWatch, RateWatch
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
@@ -247,6 +247,7 @@ class IdentifierNode(LifecycleNode):
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
         self._held, self._arrivals = 0, Arrivals()
         self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
+        self._losses = LossWatch(configuration.sample_rate, self._p["queue"])
         self._echo = DitherEcho(configuration.effectors, configuration.sample_rate)
         self._pace, self._sample_rate = "", configuration.sample_rate
         return self._identifier
@@ -288,6 +289,7 @@ class IdentifierNode(LifecycleNode):
             )
             self.get_logger().info(text)
         self._rate.expect(rate or self._sample_rate)
+        self._losses.expect(rate or self._sample_rate)
         for number, row in enumerate(rows, 1):
             self._offer(partial(row.offer, self._synchronizer), number == len(rows))
 
@@ -349,7 +351,9 @@ class IdentifierNode(LifecycleNode):
         self._model_due = self._model_due or self._identifier.samples % self._p["publish_every"] == 0
         if self._model_due and self._outputs.model_wanted:
             self._publish_model()
-        if self._rate.take(sample.stamp):
+        if self._losses.take(sample.stamp, self._steady()):
+            self.get_logger().warning(self._losses.sentence)
+        if self._rate.take(sample.stamp) and not self._losses.sentence:
             self.get_logger().warning(self._rate.sentence)
 
     def _publish_event(self, sample: PairedSample, event: FaultEvent) -> None:
@@ -489,7 +493,7 @@ class IdentifierNode(LifecycleNode):
     def _health(self) -> Health:
         assert self._identifier is not None
         pause = self._pause() if self._stale else None
-        level, message = judged(self._identifier, self._rate, self._active, pause)
+        level, message = judged(self._identifier, self._rate, self._losses, self._active, pause)
         if self._active and self._sample is None:
             message = self._waiting()
         if self._active and self._echo.judge():
@@ -497,6 +501,7 @@ class IdentifierNode(LifecycleNode):
         values = {
             **told(self._identifier, self._synchronizer, pause, self._echo),
             "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
+            "lost, faster than real time [samples]": self._losses.lost,
             **self._monitor.report(),
         }
         found = [self._echo.sentence] if self._active and self._echo.missing else []

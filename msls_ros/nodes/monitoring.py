@@ -15,7 +15,7 @@ from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.spikes import LONGEST
 from msls_ros.inputs import Synchronizer
 from msls_ros.inputs.dither_echo import DitherEcho
-from msls_ros.inputs.freshness import RateWatch
+from msls_ros.inputs.freshness import LossWatch, RateWatch
 
 REMEMBERED = 1000
 """Samples whose processing time is remembered."""
@@ -193,12 +193,16 @@ def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None, echo: 
     }
 
 
-def judged(identifier: Identifier, rate: RateWatch, active: bool, pause: Pause | None) -> tuple[bytes, str]:
+def judged(
+    identifier: Identifier, rate: RateWatch, losses: LossWatch, active: bool, pause: Pause | None
+) -> tuple[bytes, str]:
     """Return level and message of an identifier's health; arguments as for `told`."""
     if not active:
         return DiagnosticStatus.OK, "inactive"
     if pause:
         return DiagnosticStatus.WARN if pause.coming else DiagnosticStatus.STALE, pause.message
+    if losses.sentence:
+        return DiagnosticStatus.WARN, losses.sentence
     if rate.deviates:
         return DiagnosticStatus.WARN, rate.sentence
     if not identifier.enabled:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 import pytest
 
-from msls_ros.inputs.freshness import RateWatch
+from msls_ros.inputs.freshness import LossWatch, RateWatch
 
 SECOND = 1_000_000_000
 
@@ -57,3 +57,36 @@ def test_uneven_steps_are_averaged() -> None:
     assert said(33.3, [0.03, 0.03, 0.04] * 200) == []
     (found,) = said(100.0, [0.0001, 0.0399] * 200)
     assert found.startswith("samples come at 50 Hz") or found.startswith("samples come at 49.")
+
+
+def losses(speed: float, lost: int, of: int, seconds: float = 30.0) -> tuple[LossWatch, list[str]]:
+    """Return the watch and what it says of samples at 50 Hz, the last ``lost`` of each ``of`` missing."""
+    watch, said = LossWatch(50.0, 0.1), []
+    for k in range(round(50 * seconds)):
+        if k % of < of - lost and watch.take(k * SECOND // 50, round(k * SECOND / 50 / speed)):
+            said.append(watch.sentence)
+    return watch, said
+
+
+@pytest.mark.parametrize(("lost", "of", "share"), [(1, 10, 10), (30, 40, 75), (1, 25, 4)])
+def test_samples_that_are_lost_faster_than_real_time_name_the_queue_once(lost: int, of: int, share: int) -> None:
+    watch, (said,) = losses(10.0, lost, of)
+    assert said.startswith("samples come 10 times as fast as real time") and "'queue', 1 or more" in said
+    assert abs(int(said.partition(" %")[0].rpartition(" ")[2]) - share) <= 5
+    assert watch.sentence and 0.8 * 1250 * lost / of < watch.lost <= 1500 * lost / of
+
+
+@pytest.mark.parametrize(("speed", "lost", "of"), [(10.0, 0, 10), (1.0, 2, 10), (0.1, 5, 10), (1.3, 30, 40)])
+def test_what_is_lost_in_real_time_or_not_at_all_names_no_queue(speed: float, lost: int, of: int) -> None:
+    watch, said = losses(speed, lost, of)
+    assert (said, watch.sentence, watch.lost) == ([], "", 0)
+
+
+def test_a_loss_that_is_over_is_no_longer_said_nor_counts_what_a_jump_of_time_skips() -> None:
+    watch, _ = losses(10.0, 5, 10)
+    last = 1_000 * SECOND
+    for k in range(1, 2000):
+        watch.take(last + k * SECOND // 50, last + k * SECOND // 500)
+    assert watch.sentence == ""
+    before = watch.lost
+    assert not watch.take(SECOND, 2 * last) and watch.lost == before

@@ -115,6 +115,25 @@ def test_a_rate_that_is_not_the_promised_one_is_told_of_once(bench: Bench, capfd
     bench.spin_until(lambda: newest().get("status", "").startswith("identifying"), "the diagnostics")
 
 
+def test_samples_lost_at_ten_times_real_time_name_the_queue(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
+    """A bag is played tenfold, and the identifier finds forty samples at a time where its queue holds ten."""
+    node = bench.add(IdentifierNode, dither__stale_after=60.0)
+    newest = bench.diagnostics("identifier")
+    clock = node._steady = Clockwork()
+    for burst in range(20):
+        for k in range(40 * burst + 1, 40 * burst + 41):
+            bench.publish("state", messages.state_message(k * 20_000_000, STATES, X[k % 80], XDOT[k % 80]))
+            bench.publish("effectors", messages.effector_message(k * 20_000_000, EFFECTORS, DELTA[k % 80]))
+        clock.nanoseconds += 80_000_000
+        bench.spin_until(lambda: node._sample is not None and node._sample.stamp == k * 20_000_000, "the newest")  # noqa: B023
+    assert node.synchronizer.paired < 400
+    said = "samples come 10 times as fast as real time, and 7"
+    assert capfd.readouterr().err.count(said) == 1
+    bench.spin_until(lambda: newest().get("status", "").startswith(said), "the diagnostics")
+    assert "'queue', 1 or more; it is 0.1 s of samples" in newest()["status"]
+    assert int(newest()["lost, faster than real time [samples]"]) > 300
+
+
 def test_unpaired_samples_are_told_of_with_the_difference(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
     node = bench.add(IdentifierNode, queue=10.0)
     for k in range(1, 80):
