@@ -46,6 +46,8 @@ NOTHING = 0.02
 """Gain that is none, however small its error."""
 TWICE = 2
 """Comparisons in a row that must agree before an effector is found."""
+OFTEN = 60
+"""Comparisons over a record."""
 FINE = 0.5
 """Largest step of a record from which anything is concluded, over the rms that a slow actuator makes of the dither."""
 
@@ -94,13 +96,7 @@ class DitherEcho:
     @property
     def sentence(self) -> str:
         """What is wrong; empty: nothing is known to be."""
-        if not self._found:
-            return ""
-        each = "its deflection" if len(self._found) == 1 else "their deflections"
-        return (
-            f"the dither commanded for {', '.join(self.missing)} does not come back in {each}: nothing adds it to the "
-            "commands (a mixer does), or an effector is stuck or at its limits, or the record is too coarse"
-        )
+        return sentence_of(self.missing)
 
     def clear(self) -> None:
         """Forget all samples; verdicts stay until there are enough others."""
@@ -168,6 +164,41 @@ class DitherEcho:
         if len(grid) < 2 * shapes.shape[1]:
             return Verdict.UNKNOWN
         return compare(np.interp(grid, time, delta), held, shapes, quantum(delta))
+
+
+def sentence_of(missing: Sequence[str]) -> str:
+    """Say of effectors that their dither does not come back; empty where there are none."""
+    if not missing:
+        return ""
+    return (
+        f"the dither commanded for {', '.join(missing)} does not come back in "
+        f"{'its deflection' if len(missing) == 1 else 'their deflections'}: nothing adds it to the commands (a mixer "
+        "does), or an effector is stuck or at its limits, or the record is too coarse"
+    )
+
+
+def find_missing(names: Sequence[str], time: Array, delta: Array, command: Array) -> tuple[str, ...]:
+    """Return the effectors whose dither does not come back for a while in a record.
+
+    Parameters
+    ----------
+    names
+        m of them.
+    time
+        (n,) of the samples [s].
+    delta, command
+        (n, m) measured deflections, and the dither that answered each sample [rad].
+    """
+    if len(time) < 2:
+        return ()
+    echo, found = DitherEcho(names, 1.0 / max(float(np.median(np.diff(time))), 1e-4)), set()
+    due, every = float(time[0]) + SHORTEST, max(float(time[-1] - time[0]) / OFTEN, 1.0)
+    for k, now in enumerate(time.tolist()):
+        echo.take(now, delta[k], command[k])
+        if now >= due or k == len(time) - 1:
+            due = now + every
+            found |= {echo.judge() for _ in names}
+    return tuple(name for name in names if name in found)
 
 
 def quantum(values: Array) -> float:

@@ -28,6 +28,7 @@ from msls_ros.offline.report_series import (
     dither_of,
     event_of,
     flown,
+    missing_dither,
     models_of,
     signals_of,
     times,
@@ -187,6 +188,9 @@ class _Gathering:
         models = models_of(stream, self.origin, stride, self.warnings)
         truth = truth_of(streams["truth/model"], self.origin, models, self.warnings)
         dither = dither_of(streams["dither"], self.origin, truth, models, self.bag)
+        deflections = signals_of(streams["effectors"], self.origin)
+        if said := missing_dither(deflections, dither):
+            self.warnings.append(said)
         events = [event_of(stamp, self.origin, event) for stamp, event in streams["fault"]]
         alarms = [e for e in events if e.kind == "detected"]
         return Recorded(
@@ -194,7 +198,7 @@ class _Gathering:
             origin=self._origin_text(),
             topics=self.record.topics,
             states=signals_of(streams["state"], self.origin),
-            deflections=signals_of(streams["effectors"], self.origin),
+            deflections=deflections,
             models=models,
             models_source=self._models_source(models),
             truth=truth,

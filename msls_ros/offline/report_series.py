@@ -13,12 +13,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from msls_ros.inputs.dither_echo import find_missing, sentence_of
 from msls_ros.offline.recording import Stamped
 from msls_ros.report.recorded import Dither, Event, Models, Signals, Truth
 from msls_ros.report.style import causal_rms
 
 Array = NDArray[np.float64]
 _KINDS = {1: "detected", 2: "isolated", 3: "recovered", 4: "reset"}
+STALE = 0.1
+"""A dither is held no longer [s], as by the mixer."""
 _PROGRAMS = ("numpy", "numba", "rosbags")
 
 
@@ -120,6 +123,20 @@ def dither_of(
         reasons=dict(Counter(str(d.reason) for _, d in same).most_common()),
     )
     return replace(dither, realised=_realised(dither, truth, models, log))
+
+
+def missing_dither(deflections: Signals | None, dither: Dither | None) -> str:
+    """Say of which effectors the recorded dither does not come back in the recorded deflections; empty: of none."""
+    if deflections is None or dither is None or not set(dither.effectors) <= set(deflections.names):
+        return ""
+    places = [deflections.names.index(name) for name in dither.effectors]
+    delta = deflections.values[:, places]
+    sent = np.searchsorted(dither.time, deflections.time + 1e-6, "right") - 1
+    age = deflections.time - dither.time[np.maximum(sent, 0)]
+    valid = (sent >= 0) & (age <= STALE)
+    command = np.where(valid[:, None], dither.delta[np.maximum(sent, 0)], 0.0)
+    good = np.isfinite(delta).all(axis=1) & np.isfinite(command).all(axis=1)
+    return sentence_of(find_missing(dither.effectors, deflections.time[good], delta[good], command[good]))
 
 
 def event_of(stamp: int, origin: int, e: Any) -> Event:

@@ -8,7 +8,7 @@ import json
 import re
 import shutil
 import subprocess
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,12 @@ from urllib.parse import unquote
 
 import numpy as np
 import pytest
-from report.report_bags import ALL, FAULT, INPUTS, record
+from report.report_bags import ALL, FAULT, INPUTS, STEP, record
 
+from msls_ros import records
 from msls_ros.bags import BagReader, BagWriter, typestore
 from msls_ros.commands import report
-from msls_ros.estimation import Configuration
+from msls_ros.estimation import Configuration, Dither, Level
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.samples import Preparation
 from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange, joined
@@ -495,3 +496,27 @@ def test_the_verdict_counts_changes_and_not_their_equations() -> None:
     (_, answer) = describe_truth(flight, change)
     assert answer.startswith("Detected after 0.02 s, in dP/dt and dR/dt; isolated to da after 0.30 s")
     assert [e.time for e in false_alarms(flight, [])] == [4.02]
+
+
+@pytest.mark.parametrize("added", [True, False])
+def test_a_recorded_dither_that_nobody_added_is_a_warning(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], added: bool
+) -> None:
+    random, names = np.random.default_rng(0), {"effectors": ["de", "dr"]}
+    sent = Dither(np.zeros(2), 0.0, 0.0, 0.0, Level.NOMINAL, "test")
+    with BagWriter(tmp_path / "bag") as writer:
+        for k in range(1000):
+            stamp = k * STEP
+            header = {"header": records.header_fields(stamp)}
+            delta = 0.01 * np.sin(0.02 * k) + 2e-4 * random.normal(size=2) + (sent.delta if added else 0.0)
+            state = {**header, "states": ["P", "Q", "R"], "x": random.normal(size=3), "xdot": random.normal(size=3)}
+            sent = replace(sent, delta=0.003 * random.normal(size=2))
+            for leaf, kind, fields in (
+                ("state", "StateSample", state),
+                ("effectors", "EffectorSample", {**header, **names, "delta": delta}),
+                ("dither", "DitherCommand", {**header, **records.dither_fields(("de", "dr"), sent)}),
+            ):
+                writer.write_message(f"/{leaf}", f"msls_msgs/msg/{kind}", stamp, fields)
+    warnings = make(capsys, tmp_path / "bag", "--parameter", "P/dr").summary["warnings"]
+    said = "the dither commanded for de, dr does not come back in their deflections"
+    assert any(warning.startswith(said) for warning in warnings) != added
