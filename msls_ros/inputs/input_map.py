@@ -7,9 +7,11 @@ Every entry is a ROS parameter of one line, words separated by spaces::
                       [lag=SECONDS]
 
 A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. Of a vector each of the three may be one
-number, or one for each axis: ``zero=0.01,-0.02,0.0``. The true instant of a message is its stamp less its delay. What
-follows with a first-order lag T, as the pressure of a static port does, is taken back: ``m + T dm/dt`` of the measured
-m, midway between each two samples. See `field_paths` for PATH, and the shipped profiles for examples.
+number, or one for each axis: ``zero=0.01,-0.02,0.0``. An effector that several channels of a message make has a path to
+each and is the sum of their values: ``servos control[0],control[1] scale=0.5,-0.5``. The true instant of a message is
+its stamp less its delay. What follows with a first-order lag T, as the pressure of a static port does, is taken back:
+``m + T dm/dt`` of the measured m, midway between each two samples. See `field_paths` for PATH, and the shipped profiles
+for examples.
 """
 
 from __future__ import annotations
@@ -106,9 +108,19 @@ class StreamInput:
     """Time constant with which what is measured follows [s]."""
 
     @cached_property
+    def summed(self) -> bool:
+        """Whether it is an effector of several channels: the sum of their values."""
+        return self.path.size > 1 and self.name.startswith("effectors.")
+
+    @cached_property
+    def size(self) -> int:
+        """How many numbers `read` returns."""
+        return 1 if self.summed else self.path.size
+
+    @cached_property
     def _plain(self) -> bool:
         """Whether the numbers are taken as they are."""
-        return not any((*self.zero, *self.offset)) and set(self.scale) == {1.0}
+        return not self.summed and not any((*self.zero, *self.offset)) and set(self.scale) == {1.0}
 
     def read(self, message: Any) -> Values:
         """Return the values of a message, scaled, in the frame that they come in.
@@ -121,10 +133,11 @@ class StreamInput:
         found = self.path.read(message)
         if self._plain:
             return tuple([value + 0.0 for value in found])  # the same bits as below, in less time
-        return tuple(
+        values = tuple(
             scale * (raw - zero) + offset
             for raw, scale, zero, offset in zip(found, self.scale, self.zero, self.offset, strict=True)
         )
+        return (sum(values),) if self.summed else values
 
 
 def unlagged(lag: float, earlier: Values, later: Values, seconds: float) -> Values:
@@ -330,11 +343,13 @@ def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words
 
 
 def _size(name: str, path: str) -> int:
-    """Return how many numbers an entry reads; a wind may have north and east alone."""
+    """Return how many numbers an entry reads; a wind may have north and east alone, an effector several channels."""
     if name == "attitude":
         return 4
     if name == WIND:
         return 2 if path.count(",") == 1 else 3
+    if name.startswith("effectors."):
+        return path.count(",") + 1
     return 3 if name in VECTORS else 1
 
 

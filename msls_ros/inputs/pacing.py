@@ -72,7 +72,7 @@ class Pacer:
         rate = sample_rate or USUAL
         rests = [one.name.startswith("effectors.") or one.name in (WIND, "states.Psi") for one in streams]
         self._filters = [
-            RepeatFilter(repeat_settings([not rest] * one.path.size, rate, SLOWEST))
+            RepeatFilter(repeat_settings([not rest] * one.size, rate, SLOWEST))
             for one, rest in zip(streams, rests, strict=True)
             if slowest > 0.0
         ]

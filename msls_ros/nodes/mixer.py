@@ -7,12 +7,13 @@ came.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from msls_msgs.msg import DitherCommand
+from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from std_srvs.srv import SetBool
@@ -32,22 +33,50 @@ OWN = "msls_msgs/msg/EffectorCommand"
 SAME_EPOCH = 10_000_000_000
 """Stamps of commands and dithers that are nearer than this are of one clock, and are compared [ns]."""
 PARAMETERS = {
-    "effectors": fixed(list(Configuration().effectors), "names of the dither, in the order of all lists below"),
+    "effectors": fixed(
+        list(Configuration().effectors), "names of the dither, in the order of the fields, or of a row of mix"
+    ),
     "command_type": fixed(OWN, "type of the stack's commands, and of what is published"),
     "fields": fixed(
         [],
         "field path of each effector in the command, as control[0] or position[name=elevator]; empty: "
         "delta[effectors=NAME], as in msls_msgs/EffectorCommand",
     ),
-    "scale": fixed((), "units of the command per radian, with the sign, per effector; empty: 1", low=-1e6, high=1e6),
-    "authority": fixed((), "largest dither, in units of the command, per effector; empty: no limit", low=0.0, high=1e6),
-    "position_low": fixed((), "lowest output per effector; empty: no limit", low=-1e6, high=1e6),
-    "position_high": fixed((), "highest output per effector; empty: no limit", low=-1e6, high=1e6),
-    "rate_limit": fixed((), "fastest output, units per second, per effector; empty: no limit", low=0.0, high=1e9),
+    "mix": fixed(
+        (),
+        "radians of each field per radian of each effector's dither, a row per field: 1, 1, 1, -1 for the elevons of "
+        "de and da; empty: each field is an effector",
+        low=-100.0,
+        high=100.0,
+    ),
+    "scale": fixed((), "units of the command per radian, with the sign, per field; empty: 1", low=-1e6, high=1e6),
+    "authority": fixed((), "largest dither, in units of the command, per field; empty: no limit", low=0.0, high=1e6),
+    "position_low": fixed((), "lowest output per field; empty: no limit", low=-1e6, high=1e6),
+    "position_high": fixed((), "highest output per field; empty: no limit", low=-1e6, high=1e6),
+    "rate_limit": fixed((), "fastest output, units per second, per field; empty: no limit", low=0.0, high=1e9),
     "stale_after": fixed(0.1, "age of a dither after which it is not added", unit="s", low=0.001, high=60.0),
     "enabled": fixed(True, "the master switch at the start; ~/enable changes it"),
     "queue": fixed(5, "depth of the queues; the newest are kept", unit="messages", low=1, high=1000),
 }
+
+
+def _mix_of(given: Sequence[float], fields: int, effectors: int) -> NDArray[np.float64] | None:
+    """Return the parameter `mix` as a matrix (fields, effectors); None: each field is an effector.
+
+    Raises
+    ------
+    NodeError
+        If it does not fit.
+    """
+    if len(given) == 0:
+        if fields != effectors:
+            message = f"parameter 'fields' has {fields} paths; it must have one per effector, {effectors}, or none"
+            raise NodeError(message)
+        return None
+    if len(given) != fields * effectors:
+        message = f"parameter 'mix' has {len(given)} numbers; it must have {effectors} for each of {fields} fields"
+        raise NodeError(message)
+    return np.array(given, np.float64).reshape(fields, effectors)
 
 
 class MixerNode(Node):
@@ -72,13 +101,11 @@ class MixerNode(Node):
         self._p = p = declare_table(self, PARAMETERS)
         warn_of_unknown(self)
         names = p["effectors"]
-        limits = MixerLimits(p["authority"], p["position_low"], p["position_high"], p["rate_limit"], p["stale_after"])
-        self._mixer = Mixer(len(names), limits, p["scale"])
-        self._mixer.enabled = p["enabled"]
         texts = p["fields"] or [f"delta[effectors={name}]" for name in names]
-        if len(texts) != len(names):
-            message = f"parameter 'fields' has {len(texts)} paths; it must have one per effector, {len(names)}, or none"
-            raise NodeError(message)
+        self._mix = _mix_of(p["mix"], len(texts), len(names))
+        limits = MixerLimits(p["authority"], p["position_low"], p["position_high"], p["rate_limit"], p["stale_after"])
+        self._mixer = Mixer(len(texts), limits, p["scale"])
+        self._mixer.enabled = p["enabled"]
         self._paths = [FieldPath(text) for text in texts]
         self._dither = NamedVector("dither", names)
         self._refusals = Refusals(self)
@@ -108,7 +135,8 @@ class MixerNode(Node):
             self._mixer.drop(str(refused))
             return
         age = self._freshness.age(stamp, self._newest, self.get_clock().now().nanoseconds)
-        self._mixer.take((now - max(age, 0)) * 1e-9, delta, message.level)
+        mixed = delta if self._mix is None else self._mix @ delta
+        self._mixer.take((now - max(age, 0)) * 1e-9, mixed, message.level)
 
     def _on_command(self, data: bytes) -> None:
         """Pass a command on, with dither where it is valid."""

@@ -253,6 +253,20 @@ def test_scale_zero_and_offset_turn_pulses_into_radians() -> None:
     assert rows[1].delta[0] == pytest.approx(-0.08)  # type: ignore[union-attr]
 
 
+def test_an_effector_of_several_channels_is_the_sum_of_their_values() -> None:
+    """Elevons: half of the sum is an elevator, half of the difference an aileron."""
+    for line, expected in (
+        ("b left,right scale=0.5", 0.5 * (0.3 - 0.1)),
+        ("b left,right scale=0.5,-0.5", 0.5 * (0.3 + 0.1)),
+        ("b left,right zero=0.1,0.2 scale=2,1 offset=0.01,0", 2.0 * 0.2 + 0.01 - 0.3),
+        ("b joints[0],joints[1],joints[2]", 6.0),
+    ):
+        made = adapter({"effectors": {"e": line}}, slowest=0.1, sample_rate=100.0)
+        message = Message(t=0, left=0.3, right=-0.1, joints=[1.0, 2.0, 3.0])
+        rows = [*made.push(*sample(0)[0]), *made.push("/b", 0, message)]
+        assert rows[1].delta.tolist() == pytest.approx([expected]), line  # type: ignore[union-attr]
+
+
 # What cannot be used
 
 
@@ -344,6 +358,8 @@ def test_rows_pass_the_gate_and_refusals_share_its_counter() -> None:
         ({"states": {"s": "a"}}, "parameter 'inputs.states.s': it is 'a'; it must begin with two words"),
         ({"states": {"s": "a s gain=2"}}, "'gain' does not exist here; there are "),
         ({"states": {"s": "a s scale=x"}}, "scale is 'x'; it must be a number"),
+        ({"states": {"s": "a s,rate"}}, "'s,rate' has 2 paths; expected 1"),
+        ({"effectors": {"e": "b l,r scale=1,2,3"}}, "scale has 3 numbers; expected 1 or 2"),
         ({"states": {"s": 3}}, "parameter 'inputs.states.s': it is 3; it must be a line of words in quotes"),
         ({"speed": "a s"}, "parameter 'inputs.speed': it does not exist; there are clock, maximum_age"),
         ({"velocity": "a v frame=north"}, "frame is 'north'; it must be one of frd, flu, ned, enu, nwu"),

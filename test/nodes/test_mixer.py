@@ -91,6 +91,21 @@ def test_commands_of_any_type_go_through_with_dither_and_without(bench: Bench, k
     assert flow.through(as_it_came) == as_it_came, "stale"
 
 
+def test_dither_of_sums_and_differences_goes_to_the_channels_that_make_them(bench: Bench) -> None:
+    """Elevons, left de + da and right de - da; authority, limits and scale are those of the channels."""
+    kind, command = "std_msgs/msg/Float64MultiArray", floats()
+    flow = Flow(
+        bench, kind, fields=["data[0]", "data[2]"], mix=[1.0, 1.0, 1.0, -1.0], scale=[1.0, -2.0], authority=[0.05, 1.0]
+    )
+    data = serialize_message(command)
+    flow.through(data)
+    flow.dither([0.01, 0.02])
+    mixed = deserialize_message(flow.through(data), type(command))
+    assert list(mixed.data) == pytest.approx([0.1 + 0.03, 0.2, 0.3 - 2.0 * -0.01])
+    flow.dither([0.03, 0.03])
+    assert flow.through(data) == data, "0.06 is beyond the authority of the left one"
+
+
 @pytest.mark.parametrize("quality", [best_effort(10), reliable(10)], ids=["best effort", "reliable"])
 def test_commands_of_publishers_of_either_quality_go_through(bench: Bench, quality: QoSProfile) -> None:
     bench.add(MixerNode, effectors=NAMES, command_type="std_msgs/msg/Float64MultiArray", fields=INDEXED)
@@ -174,6 +189,7 @@ def test_limits_hold_at_the_output(bench: Bench) -> None:
     ("given", "sentence"),
     [
         ({"fields": ["data[0]"]}, "one per effector"),
+        ({"fields": ["data[0]"], "mix": [1.0]}, "it must have 2 for each of 1 fields"),
         ({"command_type": "nowhere/msg/Thing"}, "not installed"),
         ({"command_type": "Thing"}, "expected PACKAGE/msg/NAME"),
         ({"authority": [1.0]}, "one per effector"),
