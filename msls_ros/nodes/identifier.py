@@ -325,7 +325,7 @@ class IdentifierNode(LifecycleNode):
             self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._identifier.reset()
             self._rate.clear()
-            self._arrivals.answered = 0
+            self._arrivals.answered = -1
         elif self._sample is None:
             self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
         flew, spikes, rate = self._identifier.flying, self._identifier.spikes, self._identifier.learning_rate
@@ -436,7 +436,7 @@ class IdentifierNode(LifecycleNode):
         self._identifier.reset()
         self._synchronizer.clear()
         self._rate.clear()
-        self._arrivals.answered = 0
+        self._arrivals.answered = -1
         if self._adapter is not None:
             self._adapter.clear()
         response.success, response.message = True, "the estimate starts anew"

@@ -129,8 +129,8 @@ class Arrivals:
 
         Data that arrive are not stale while they are held: that is no pause, for as long as a spike may last.
         """
-        self.answered = 0
-        """Stamp up to which the last dither has been held for those [ns]."""
+        self.answered = -1
+        """Stamp up to which the last dither has been held for those [ns]; less than any: none has."""
 
     def pause(self, now: int, limit: float, monitor: Monitor) -> Pause | None:
         """Return why no fresh sample has come for longer than a limit [s]; None: one has.
