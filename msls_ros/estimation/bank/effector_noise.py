@@ -288,8 +288,10 @@ def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, 
     residual = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else 0.0
     for j in range(x.white.shape[0]):
         answer = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
-        last, x.white_answer[q, j] = x.white_answer[q, j], answer
-        used = answer if s.straddle > 0 else last
+        last, before = x.white_answer[0, q, j], x.white_answer[1, q, j]
+        x.white_answer[0, q, j] = answer
+        x.white_answer[1, q, j] = last
+        used = answer if s.straddle > 0 else (answer - 2.0 * last + before) * s.second
         usual = median_of(x.white_answered[q, j], used / math.sqrt(expected), MEDIAN * residual, 3)
         x.white_answered[q, j] = usual
         most = math.sqrt(EDGE / MEDIAN * usual * expected)
@@ -350,9 +352,8 @@ def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
         if KNOWN * x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i] > effect * effect:
             continue
         variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1]
-        answer = ANSWERING * effect
         power, cross = x.rest_power[q, j], x.rest_cross[q, j]
-        one = (0.5 * answer * answer * power + answer * cross) / variance
+        one = effect * (0.5 * effect * power - cross) / variance
         evidence += one if cross * cross < ANSWERED * variance * power else min(one, 0.0)
     return evidence
 

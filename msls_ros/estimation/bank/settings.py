@@ -459,7 +459,7 @@ def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     thirds, seconds = (np.convolve(window, of) for of in ([1.0, -3.0, 3.0, -1.0], [1.0, -2.0, 1.0]))
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
-    alike, of_slopes = _filtered(thirds), _filtered(slope)
+    alike, of_slopes = (_filtered(thirds), _filtered(slope)) if straddle > 0 else 2 * (_filtered(seconds),)
     shared = min(len(alike), len(of_slopes))
     spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
     third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))
