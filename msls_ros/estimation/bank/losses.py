@@ -264,7 +264,7 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
-            if s.straddle == 0:
+            if s.straddle == 0 and not scattered:
                 whiten_directions(work)
         for i in range(1, p):
             work.w[i] = 0.0
@@ -276,7 +276,10 @@ def compare_surfaces(
             find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
             whiten_directions(work)
             whiten(work)
-            taken = discount_reference(before, square, q, n, known, work) if scattered else 0.0
+        if scattered:
+            if s.straddle == 0:
+                whiten_directions(work)
+            taken = discount_reference(before, square, q, n, known, work)
         project(work)
         changed = 0.0
         for i in range(1, p):
@@ -360,7 +363,7 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
         column = work.white_columns[j]
         size = 0.0
         along = 0.0
-        for i in range(1, j + 1 if s.straddle == 0 else w.shape[0]):  # zeros follow
+        for i in range(1, w.shape[0]):  # zeros follow
             size += column[i] * column[i]
             along += column[i] * w[i]
         if size > LEAST_LEFT * work.white_columns[j, 0]:
