@@ -17,9 +17,11 @@ Rates differentiated, members by themselves, 1,072 flights with 357 losses (F-16
 linear ones), walks of .3: without it the members of .4 and 1.5 s see 263 and 254, and alarm in 5 and 4 flights before
 any loss; with it 250 and 253, in 2 and 2. For effectors alone .4 s sees 256, in 2, and 1.5 s 255, in 3.
 
-Names take the change as it is: an alarm has said that there is one. So does what is measured: of 471 flights none has
-a false alarm of these tests without it, 14 to 30 have with it, for what it leaves there is mostly the noise of
-deflections that rest.
+What it leaves of a direction is often the noise of deflections that rest, and that is not taken off: it goes with
+nothing. Where derivatives are measured, a small aircraft's aileron was lost at the first rudder input without it, 10
+flights of 10 (velocity noise of .03 m/s); none with it.
+
+Names take the change as it is: an alarm has said that there is one.
 
 References
 ----------

@@ -236,8 +236,8 @@ def compare_surfaces(
     known
         Largest relative standard error of an effect that counts [1].
     scattered
-        Whether what no loss explains of a row's change counts as noise, where it is more; and, through a window, what
-        of it may be errors of effects that were not known; and whether drag says nothing (`bank.drag`).
+        Whether what no loss explains of a row's change counts as noise, where it is more; whether what may be errors of
+        effects that were not known is discounted (`bank.loss_reference`); and whether drag says nothing (`bank.drag`).
     work
         ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
@@ -264,8 +264,6 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
-            if s.straddle == 0 and not scattered:
-                whiten_directions(work)
         for i in range(1, p):
             work.w[i] = 0.0
         for j in range(1, p):
@@ -274,11 +272,9 @@ def compare_surfaces(
         taken = 0.0
         if s.straddle > 0:
             find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
-            whiten_directions(work)
             whiten(work)
+        whiten_directions(work)
         if scattered:
-            if s.straddle == 0:
-                whiten_directions(work)
             taken = discount_reference(before, square, q, n, known, work)
         project(work)
         changed = 0.0
@@ -363,7 +359,7 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
         column = work.white_columns[j]
         size = 0.0
         along = 0.0
-        for i in range(1, w.shape[0]):  # zeros follow
+        for i in range(1, w.shape[0]):
             size += column[i] * column[i]
             along += column[i] * w[i]
         if size > LEAST_LEFT * work.white_columns[j, 0]:
