@@ -31,7 +31,7 @@ def prepared(square: Array, noise: float = 0.5) -> tuple[BankRegression, Array, 
     whiten_directions(work)
     whiten(work)
     scale = work.whitening[1:]
-    taken = discount_reference(TRUTH, square, 0, noise, KNOWN_WELL, work)
+    taken = discount_reference(engine.settings, TRUTH, square, 0, noise, KNOWN_WELL, work)
     return engine, scale[:, None] * factor[1:, 1:], scale * w[1:], taken
 
 

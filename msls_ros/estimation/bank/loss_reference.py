@@ -19,7 +19,8 @@ any loss; with it 250 and 253, in 2 and 2. For effectors alone .4 s sees 256, in
 
 What it leaves of a direction is often the noise of deflections that rest, and that is not taken off: it goes with
 nothing. Where derivatives are measured, a small aircraft's aileron was lost at the first rudder input without it, 10
-flights of 10 (velocity noise of .03 m/s); none with it.
+flights of 10 (velocity noise of .03 m/s); none with the states whitened. Effectors are not, there: of half stabilators
+of the F-16, of two effectors each, at medium noise 7 of 20 are named with them, 12 with states alone.
 
 Names take the change as it is: an alarm has said that there is one.
 
@@ -34,6 +35,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -78,11 +80,15 @@ def whiten_directions(work: BankWork) -> None:
 
 
 @compiled
-def discount_reference(before: Array, square: Array, q: int, n: float, known: float, work: BankWork) -> float:
+def discount_reference(
+    s: BankSettings, before: Array, square: Array, q: int, n: float, known: float, work: BankWork
+) -> float:
     """Whiten row q's change by the errors of the older estimates, after `whiten` and `whiten_directions`.
 
     Parameters
     ----------
+    s
+        Settings.
     before, square
         (r, p) older estimates and their squared standard errors, constant first.
     q
@@ -101,7 +107,7 @@ def discount_reference(before: Array, square: Array, q: int, n: float, known: fl
     """
     taken = 0.0
     p = work.w.shape[0]
-    for j in range(1, p):
+    for j in range(1, p if s.straddle > 0 else s.effectors_from + 1):
         if square[q, j] < known * known * before[q, j] * before[q, j]:
             continue
         column = work.difference  # is not needed any more

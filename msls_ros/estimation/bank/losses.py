@@ -275,7 +275,7 @@ def compare_surfaces(
             whiten(work)
         whiten_directions(work)
         if scattered:
-            taken = discount_reference(before, square, q, n, known, work)
+            taken = discount_reference(s, before, square, q, n, known, work)
         project(work)
         changed = 0.0
         for i in range(1, p):
