@@ -19,10 +19,12 @@ FIRST = 4
 """Of the effectors among the coefficients, constant first; before it are three states."""
 
 
-def prepared(square: Array, noise: float = 0.5) -> tuple[BankRegression, Array, Array, float]:
+def prepared(
+    square: Array, noise: float = 0.5, intervals: int = INTERVALS
+) -> tuple[BankRegression, Array, Array, float]:
     """Return an engine after both steps, the factor and the change before them, and the degrees taken."""
     random = np.random.default_rng(3)
-    engine = engine_of(Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), INTERVALS))
+    engine = engine_of(Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), intervals))
     work = engine._work
     p = len(work.w)
     factor, w = np.triu(random.normal(size=(p, p)) + 3.0 * np.eye(p)), random.normal(size=p)
@@ -66,6 +68,16 @@ def test_what_was_never_known_is_projected_out() -> None:
     left = w - unknown @ np.linalg.lstsq(unknown, w, rcond=None)[0]
     assert engine._work.w[1:] == pytest.approx(left, rel=1e-6)
     assert taken == pytest.approx(2.0, abs=1e-6)
+
+
+def test_where_derivatives_are_measured_errors_of_states_alone_are_whitened() -> None:
+    square = np.full_like(TRUTH, 1e-12)
+    square[0, 2] = 0.09
+    _, _, alone, taken = prepared(square, intervals=0)
+    square[0, FIRST:] = math.inf
+    _, _, both, taken_with_effectors = prepared(square, intervals=0)
+    assert np.array_equal(alone, both)
+    assert taken == taken_with_effectors > 0.0
 
 
 def changed(effector: int, by: float, square: Array) -> tuple[int, float]:

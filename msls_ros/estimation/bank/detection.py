@@ -18,11 +18,8 @@ the longest memory, and ``n`` by how much a regressor exceeds all that was seen 
 time cannot be called changed; it is learnt: no alarm for a second after a regressor goes five times as far as ever
 before. Of an effector that no output has answered yet (`bank.attenuation.doubt`) nothing is known: where it goes five
 times as far as in the last seconds its errors excuse whatever it does, and where it goes two and a half times as far an
-alarm waits for the next sample. One that is recorded late is answered before it moves: while there are such effectors
-an alarm waits for as long as records are known to be late (`bank.settings.EARLY`), and before the first is answered,
-and no effect known that could change, for good. Where one goes twice as far as usual, the error that its own standard
-error allows is added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level
-enters anywhere.
+alarm waits for the next sample. Where one goes twice as far as usual, the error that its own standard error allows is
+added to the nominal one, times q_1 for every l: it is the same error in all samples. No noise level enters anywhere.
 
 Where inputs have passed a window, a change comes in over all of its samples, and what predicts one sample ahead follows
 it half-way: a third of it shows. So predictions are by the estimates of a whole window ago, ``moved`` is by what has
@@ -116,12 +113,11 @@ def sense_bank(
         (p,) scratch.
     """
     any_alarm = False
-    above = False
     group = -1
     longitudinal = 0.0
     lateral = 0.0
     novelty = observe_novelty(s, x, phi)
-    learning = x.learning[0] > 0 or begins_to_move(s, x) or may_move_yet(s, x)
+    learning = x.learning[0] > 0 or begins_to_move(s, x)
     expected = 1.0
     axial = 0.0
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
@@ -158,8 +154,6 @@ def sense_bank(
         if alarms:
             alarm[q] = 1
             any_alarm = True
-        above = above or alone > s.threshold
-    x.patience[0] = x.patience[0] + 1 if above else 0
     if x.alert[0] > 0:
         x.alert[0] -= 1
     elif any_alarm or (not learning and is_pair(s, statistic)):
@@ -327,15 +321,6 @@ def begins_to_move(s: BankSettings, x: BankState) -> bool:
         if x.answered[j] == 0 and x.quick[i] * x.quick[i] > first_limit(s, x, i, BEGINS):
             return True
     return False
-
-
-@compiled
-def may_move_yet(s: BankSettings, x: BankState) -> bool:
-    """Whether an effector that no output has answered yet may have moved, and be recorded later: an alarm waits."""
-    answered = 0
-    for j in range(x.answered.shape[0]):
-        answered += 1 if x.answered[j] != 0 else 0
-    return bool(answered < x.answered.shape[0] and (answered == 0 or x.patience[0] < s.patience))
 
 
 @compiled

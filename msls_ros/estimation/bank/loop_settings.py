@@ -118,8 +118,6 @@ class BankSettings(NamedTuple):
     """Variance of white noise in a state that has passed the window over what it leaves of the derivative [s^2]."""
     late: int
     """Samples by which responses may be late, see `bank.lags`."""
-    patience: int
-    """Samples for which an alarm waits while no output has answered an effector, see `bank.detection`."""
     lags: Array
     """(l, 3) lags of actuators, none first: weights of last output, last input and input; see `bank.responses`."""
     lag_times: Array

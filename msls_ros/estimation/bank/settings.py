@@ -404,7 +404,6 @@ def _responses(rows: int, period: float, straddle: int, differenced: Sequence[in
         ),
         lag_times=np.array([0.0, *LAGS]),
         ahead=max(EARLY, *ahead),
-        patience=EARLY * late,
         block_forgetting=math.exp(-late * period / COLOUR_MEMORY),
         block_quick=min(late * period / quick, 1.0),
         latest=max(1, round(LATEST / period)),

@@ -227,7 +227,6 @@ def _errors(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         misfits=np.zeros(rows, np.int64),
         samples=np.zeros(1, np.int64),
         learning=np.zeros(1, np.int64),
-        patience=np.zeros(1, np.int64),
         alert=np.zeros(1, np.int64),
         waiting=np.zeros(groups, np.int64),
         square=np.zeros((rows, p)),

@@ -313,8 +313,6 @@ class BankState(NamedTuple):
     """(1,) samples since the last reset."""
     learning: Integers
     """(1,) samples left in which what is excited for the first time is learnt, not alarmed."""
-    patience: Integers
-    """(1,) samples for which a row has been above the threshold."""
     alert: Integers
     """(1,) samples left in which an alarm of another row is likely."""
     waiting: Integers
