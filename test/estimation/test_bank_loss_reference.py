@@ -91,7 +91,7 @@ def changed(effector: int, by: float, square: Array) -> tuple[int, float]:
     before[0, FIRST + effector] += by
     work.concerned[:] = [1, 0, 0]
     excess = compare_surfaces(s, x, len(s.loss_members) - 1, before, square, KNOWN_WELL, True, work)
-    return find_loss(work, excess, 4.0), float(work.deviation[0])
+    return find_loss(s, work, excess, 4.0), float(work.deviation[0])
 
 
 def test_an_effect_that_was_never_known_is_not_taken_for_a_loss_of_another() -> None:

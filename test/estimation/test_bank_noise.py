@@ -398,7 +398,7 @@ def test_an_effector_that_has_moved_from_the_start_and_then_rests_has_lost_nothi
 def noise_after_input(straddle: int) -> tuple[float, float]:
     """Return the noise that is held for that of an aileron .4 s after its inputs [rad, rms], and that noise."""
     n, period, noise = 700, 0.01, 5e-4
-    t = period * np.arange(n)
+    t: Array = period * np.arange(n, dtype=np.float64)
     delta = np.zeros((n, 2))
     for start, size in ((2.5, 0.05), (3.0, -0.05), (3.5, 0.03), (4.2, -0.04), (5.1, 0.05), (5.6, -0.04)):
         delta[:, 0] += size * np.where(t > start, np.exp(-(np.maximum(t - start, 0.0)) / 0.2), 0.0)

@@ -20,7 +20,8 @@ any loss; with it 250 and 253, in 2 and 2. For effectors alone .4 s sees 256, in
 What it leaves of a direction is often the noise of deflections that rest, and that is not taken off: it goes with
 nothing. Where derivatives are measured, a small aircraft's aileron was lost at the first rudder input without it, 10
 flights of 10 (velocity noise of .03 m/s); none with the states whitened. Effectors are not, there: of half stabilators
-of the F-16, of two effectors each, at medium noise 7 of 20 are named with them, 12 with states alone.
+of the F-16, of two effectors each, at medium noise 7 of 20 are named with them, 12 with states alone. What the error
+of one effector explains is a rival of the loss, as another surface is: ``(c'w)^2 / (c'c + n/(2 S)) / n``.
 
 Names take the change as it is: an alarm has said that there is one.
 
