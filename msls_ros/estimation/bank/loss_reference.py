@@ -111,9 +111,9 @@ def discount_reference(
     for j in range(1, p if s.straddle > 0 else s.effectors_from + 1):
         if square[q, j] < known * known * before[q, j] * before[q, j]:
             continue
-        column = work.difference  # is not needed any more
+        column = work.difference[: j + 1]  # is not needed any more; those before have left zeros below
         size = 0.0
-        for i in range(1, p):
+        for i in range(1, j + 1):
             column[i] = work.white_columns[j, i]
             size += column[i] * column[i]
         if size <= LEAST_LEFT * work.white_columns[j, 0]:
