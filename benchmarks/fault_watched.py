@@ -23,9 +23,9 @@ class WatchedIdentifier(IdentifierNode):
         self._samples: list[PairedSample] = []
         super().__init__(**options)
 
-    def _use(self, sample: PairedSample) -> None:
+    def _use(self, sample: PairedSample, newest: bool = True) -> None:
         self._samples.append(sample)
-        super()._use(sample)
+        super()._use(sample, newest)
 
     def report(self) -> dict[str, Any]:
         """Say how many samples came, and whether the estimates are those of them."""

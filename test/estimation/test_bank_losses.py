@@ -138,7 +138,7 @@ def loss_of(engine: BankRegression, a: int) -> float:
     slot = (x.kept[0] - 1 - back) % len(x.kept_theta)
     work.concerned[:] = 1
     excess = compare_surfaces(s, x, a, x.kept_theta[slot], x.kept_square[slot], KNOWN_WELL, True, work)
-    return float(work.deviation[0]) if find_loss(s, work, excess, float(s.loss_limits[a, 0])) == 0 else 0.0
+    return float(work.deviation[0]) if find_loss(work, excess, float(s.loss_limits[a, 0])) == 0 else 0.0
 
 
 def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ever_seen() -> None:

@@ -395,39 +395,6 @@ def test_an_effector_that_has_moved_from_the_start_and_then_rests_has_lost_nothi
     assert np.mean([abs(e.b[0, 0] - 200.0) < 1.96 * e.b_std[0, 0] for e in known]) > 0.9
 
 
-def noise_after_input(straddle: int) -> tuple[float, float]:
-    """Return the noise that is held for that of an aileron .4 s after its inputs [rad, rms], and that noise."""
-    n, period, noise = 700, 0.01, 5e-4
-    t: Array = period * np.arange(n, dtype=np.float64)
-    delta = np.zeros((n, 2))
-    for start, size in ((2.5, 0.05), (3.0, -0.05), (3.5, 0.03), (4.2, -0.04), (5.1, 0.05), (5.6, -0.04)):
-        delta[:, 0] += size * np.where(t > start, np.exp(-(np.maximum(t - start, 0.0)) / 0.2), 0.0)
-    delta[:, 1] = 0.02 * np.sin(3.0 * t)
-    effects = np.broadcast_to(EFFECTS, (n, 3, 2))
-    x, xdot, read = linear(delta, 700, effects, (5e-4, 0.01, noise * math.sqrt(3.0)), period)
-    identifier = Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / period}), straddle)
-    if straddle > 0:
-        window = DerivativeFilter(straddle, 5, 10**9)
-        rows = np.concatenate([x, read], axis=1)
-        found = [window.push(round(one * 1e9), row) for one, row in zip(t, rows, strict=True)]
-        kept = [one for one in found if one is not None]
-        t = np.array([one.stamp * 1e-9 for one in kept])
-        smooth, xdot = np.array([one.smooth for one in kept]), np.array([one.slope for one in kept])[:, :3]
-        x, read = smooth[:, :3], smooth[:, 3:]
-        raw = np.array([0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0])
-        noise *= math.sqrt(np.sum((0.5 * (raw[1:] + raw[:-1])) ** 2)) / np.sum(0.5 * (raw[1:] + raw[:-1]))
-    use = t < 6.0
-    identifier.run(t[use], x[use], xdot[use], read[use])
-    return math.sqrt(noise_of(identifier)[0]), noise
-
-
-@pytest.mark.parametrize("straddle", [0, 4], ids=["as measured", "through a window"])
-def test_inputs_do_not_answer_the_noise_of_what_makes_them(straddle: int) -> None:
-    """They are a hundred times as large: what they do went with the noise by chance, and all of it was motion."""
-    held, noise = noise_after_input(straddle)
-    assert held == pytest.approx(noise, rel=0.3)
-
-
 def test_an_effect_that_one_row_has_lost_is_doubted_in_the_others_until_it_is_named() -> None:
     """The loss shows in P at once, in R hardly: there nothing may be called known of the aileron meanwhile."""
     n, lost = 3000, 2500

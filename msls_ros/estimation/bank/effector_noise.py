@@ -9,21 +9,19 @@ that noise can be::
 
     d = (u_k - 3 u_(k-1) + 3 u_(k-2) - u_(k-3)) / sqrt 20,      sigma^2 <= median d^2 / .455
 
-It is that while no output answers: the sum over seconds of second differences d times what a row's output does by them
-and beyond the model, ``theta d`` and the second differences of its prediction errors, is within `ANSWERED`; nothing
-from twice that on. What an output answers, as dither, is motion. (By the whole deflection an input, a thousand times
-the noise, went with it by chance. Second ones are in phase with what oscillates. Through windows they hold motion too;
-there it is third ones, the prediction error at their end, and as much of theta d as is there, `white_share`; of rates
-alone: one step ahead a window leaves next to nothing of others. Edges, which hide for seconds what is noise, are left
-out; what an output does counts no more than three times what it usually does, for one step of it answered noise for 20
-s.) A sensor's noise does not end when the effector moves: where a loss is looked for, it stays what it was
-(`resting_noise`).
+It is that while no output answers: the sum over seconds of second differences times what a row's output does by the
+effector and beyond the model, in their middle, is within `ANSWERED`; nothing from twice that on. What an output
+answers, as dither, is motion. (Second differences hold .8 of the noise in their middle and are in phase with what
+oscillates. Through windows they hold motion too; there it is third ones, and the output at their end, of rates alone:
+one step ahead a window leaves next to nothing of others. Edges, which hide for seconds what is noise, are left out;
+what an output does counts no more than three times what it usually does, for one step of it answered noise for 20 s.) A
+sensor's noise does not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
 
 That memory of seconds is full of answers when an effector comes to rest, and for so long its noise passes for motion
 that has lost its effect. So in short blocks in which all that moves is white (no more than third differences hold) it
 is asked whether what was known of the effect answers::
 
-    ln(p(none)/p(theta)) = sum theta (theta P / 2 - C) / (s^2 spread)
+    ln(p(none)/p(theta)) = sum (1/2 a^2 P + a C) / (s^2 spread),     a = .8 theta
 
 with the block's sums C of answers times second differences and P of their squares, over the rows whose effect is known.
 Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
@@ -97,6 +95,8 @@ An effector that moves has 10 to 100, dither behind an actuator of 20 rad/s 1 to
 """
 ALIKE = 4.0
 """By which factor white motion may differ in square from what was answered before, and count as the same."""
+ANSWERING = 0.8
+"""Least share of its effect with which a second difference goes with what white motion does: 2/sqrt 6, for one."""
 KNOWN = 25.0
 """Squared standard errors by which an effect must differ from none, to be missed: as `bank.losses.KNOWN_WELL`."""
 DECIDED = 4.5
@@ -271,12 +271,11 @@ def entering_part(s: BankSettings, x: BankState, q: int, i: int, turned: float) 
 def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, expected: float) -> None:
     """Update how row q's output y goes with what may be noise of the effectors (`observe_whites`).
 
-    The prediction error of the estimates by the regressor phi (p,), constant first, holds what they make of the noise
-    in an effector, with the opposite sign; that added is what the output does by it. The estimates are those from
-    before all samples of the difference: those of now go with it, for members of a short memory have learnt from the
-    noise in it. ``expected`` is by what the square of the error is larger than that of the residual, for the estimates
-    are not known yet. What is usual goes up and down by a half with a sample: it follows dither that begins, and no
-    single step.
+    It is what the output does beyond the estimates by the regressor phi (p,), constant first: what these make of the
+    noise in an effector is in both, and is none of what the output does. They are those from before all samples of the
+    difference: those of now go with it, for members of a short memory have learnt from the noise in it. ``expected`` is
+    by what the square of the error is larger than that of the residual, for the estimates are not known yet. What is
+    usual goes up and down by a half with a sample: it follows dither that begins, and no single step.
     """
     first = s.effectors_from + 1
     theta = x.mixed[q]
@@ -286,14 +285,11 @@ def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, 
     error = y
     for i in range(phi.shape[0]):
         error -= theta[i] * phi[i]
-    if s.straddle == 0:
-        last, before = x.white_error[0, q], x.white_error[1, q]
-        x.white_error[0, q] = error
-        x.white_error[1, q] = last
-        error = (error - 2.0 * last + before) * s.second
     residual = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else 0.0
     for j in range(x.white.shape[0]):
-        used = error + s.white_share * theta[first + j] * x.white[j]
+        answer = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
+        last, x.white_answer[q, j] = x.white_answer[q, j], answer
+        used = answer if s.straddle > 0 else last
         usual = median_of(x.white_answered[q, j], used / math.sqrt(expected), MEDIAN * residual, 3)
         x.white_answered[q, j] = usual
         most = math.sqrt(EDGE / MEDIAN * usual * expected)
@@ -354,8 +350,9 @@ def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
         if KNOWN * x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i] > effect * effect:
             continue
         variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1]
+        answer = ANSWERING * effect
         power, cross = x.rest_power[q, j], x.rest_cross[q, j]
-        one = effect * (0.5 * effect * power - cross) / variance
+        one = (0.5 * answer * answer * power + answer * cross) / variance
         evidence += one if cross * cross < ANSWERED * variance * power else min(one, 0.0)
     return evidence
 

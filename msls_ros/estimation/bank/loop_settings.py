@@ -109,9 +109,7 @@ class BankSettings(NamedTuple):
     rest_block: int
     """Samples of which it is asked whether an output has answered an effector, see `bank.effector_noise`."""
     white_spread: float
-    """By what the variance of a sum of products of these and answers is larger than that of independent ones [1]."""
-    white_share: float
-    """How much of these is in the value that an answer is held against [1]."""
+    """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
     entry: float
     """Share that a sample forgets of how outputs go with the noise in the states, see `bank.effector_noise`."""
     slope_noise: float

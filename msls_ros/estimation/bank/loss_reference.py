@@ -17,13 +17,9 @@ Rates differentiated, members by themselves, 1,072 flights with 357 losses (F-16
 linear ones), walks of .3: without it the members of .4 and 1.5 s see 263 and 254, and alarm in 5 and 4 flights before
 any loss; with it 250 and 253, in 2 and 2. For effectors alone .4 s sees 256, in 2, and 1.5 s 255, in 3.
 
-What it leaves of a direction is often the noise of deflections that rest, and that is not taken off: it goes with
-nothing. Where derivatives are measured, a small aircraft's aileron was lost at the first rudder input without it, 10
-flights of 10 (velocity noise of .03 m/s); none with the states whitened. Effectors are not, there: of half stabilators
-of the F-16, of two effectors each, at medium noise 7 of 20 are named with them, 12 with states alone. What the error
-of one effector explains is a rival of the loss, as another surface is: ``(c'w)^2 / (c'c + n/(2 S)) / n``.
-
-Names take the change as it is: an alarm has said that there is one.
+Names take the change as it is: an alarm has said that there is one. So does what is measured: of 471 flights none has
+a false alarm of these tests without it, 14 to 30 have with it, for what it leaves there is mostly the noise of
+deflections that rest.
 
 References
 ----------
@@ -36,7 +32,6 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
@@ -81,15 +76,11 @@ def whiten_directions(work: BankWork) -> None:
 
 
 @compiled
-def discount_reference(
-    s: BankSettings, before: Array, square: Array, q: int, n: float, known: float, work: BankWork
-) -> float:
+def discount_reference(before: Array, square: Array, q: int, n: float, known: float, work: BankWork) -> float:
     """Whiten row q's change by the errors of the older estimates, after `whiten` and `whiten_directions`.
 
     Parameters
     ----------
-    s
-        Settings.
     before, square
         (r, p) older estimates and their squared standard errors, constant first.
     q
@@ -108,12 +99,12 @@ def discount_reference(
     """
     taken = 0.0
     p = work.w.shape[0]
-    for j in range(1, p if s.straddle > 0 else s.effectors_from + 1):
+    for j in range(1, p):
         if square[q, j] < known * known * before[q, j] * before[q, j]:
             continue
-        column = work.difference[: j + 1]  # is not needed any more; those before have left zeros below
+        column = work.difference  # is not needed any more
         size = 0.0
-        for i in range(1, j + 1):
+        for i in range(1, p):
             column[i] = work.white_columns[j, i]
             size += column[i] * column[i]
         if size <= LEAST_LEFT * work.white_columns[j, 0]:

@@ -13,9 +13,8 @@ corrected for autocorrelation, and of model error, `FLOOR`. Then::
 ``R'R D`` is what the member's residuals by the old estimates have in common with the regressors: the matched filter of
 the loss, all else being what it was. A loss is seen when, for a while, z exceeds its limit (for half as long, where z
 is larger still) and c is the loss of a good part, explains most of all that has changed (``sum D' R'R D / n``), and
-more than any other surface, than any single state, and than the error of another effector's older effect would. Only
-what has a direction of its own alarms: model errors that no surface explains do not. What noise in the states makes of
-D, `bank.noise_moves` takes off first.
+more than any other surface and than any single state would. Only what has a direction of its own alarms: model errors
+that no surface explains do not. What noise in the states makes of D, `bank.noise_moves` takes off first.
 
 Several memories are looked at, each with its own limits (`bank.settings.LOSSES`): after a loss that only dither shows c
 grows as ``1 - exp(-t / memory)`` of it, so a short one says most of it soon, where there is little noise, and a long
@@ -140,7 +139,7 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
         slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
         before, square = x.kept_theta[slot], x.kept_square[slot]
         excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, work)
-        k = find_loss(s, work, excess, s.loss_limits[a, 0])
+        k = find_loss(work, excess, s.loss_limits[a, 0])
         if k < 0 or k != x.suspect[a]:
             x.run[a] = 0
         x.suspect[a] = k
@@ -160,7 +159,7 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
 
 
 @compiled
-def find_loss(s: BankSettings, work: BankWork, excess: float, limit: float) -> int:
+def find_loss(work: BankWork, excess: float, limit: float) -> int:
     """Return the surface whose loss explains what changed, after `compare_surfaces`; negative: none does.
 
     Its effect must have changed by more than ``limit`` standard errors.
@@ -173,9 +172,6 @@ def find_loss(s: BankSettings, work: BankWork, excess: float, limit: float) -> i
     for k in range(work.change.shape[0]):
         if k != best and work.explained[k] > second:
             second = work.explained[k]
-    for j in range(work.by_error.shape[0]):
-        if s.gains[best, j] == 0.0 and work.by_error[j] > second:
-            second = work.by_error[j]
     least = max(max(EXPLAINED * excess, second + APART), max(second / RIVAL, work.by_state[0]))
     if work.explained[best] <= least or work.deviation[best] <= limit:
         return -1
@@ -240,8 +236,8 @@ def compare_surfaces(
     known
         Largest relative standard error of an effect that counts [1].
     scattered
-        Whether what no loss explains of a row's change counts as noise, where it is more; whether what may be errors of
-        effects that were not known is discounted (`bank.loss_reference`); and whether drag says nothing (`bank.drag`).
+        Whether what no loss explains of a row's change counts as noise, where it is more; and, through a window, what
+        of it may be errors of effects that were not known; and whether drag says nothing (`bank.drag`).
     work
         ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
@@ -268,6 +264,8 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
+            if s.straddle == 0:
+                whiten_directions(work)
         for i in range(1, p):
             work.w[i] = 0.0
         for j in range(1, p):
@@ -276,10 +274,9 @@ def compare_surfaces(
         taken = 0.0
         if s.straddle > 0:
             find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
+            whiten_directions(work)
             whiten(work)
-        whiten_directions(work)
-        if scattered:
-            taken = discount_reference(s, before, square, q, n, known, work)
+            taken = discount_reference(before, square, q, n, known, work) if scattered else 0.0
         project(work)
         changed = 0.0
         for i in range(1, p):
@@ -288,8 +285,6 @@ def compare_surfaces(
             n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted - taken, 1.0)))
         excess += changed / n - 0.5 * (p - 1 - taken)
         explain_by_states(s, n, work)
-        if scattered and s.straddle == 0:
-            explain_by_errors(s, n, square[q], work)
         for k in range(s.gains.shape[0]):
             if not (scattered and is_drag(s, x, q, k)):
                 compare_row(s, x, a, n, before, square, q, k, known, work)
@@ -312,8 +307,6 @@ def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
         work.explained[k] = 0.0
     for i in range(work.by_state.shape[0]):
         work.by_state[i] = 0.0
-    for j in range(work.by_error.shape[0]):
-        work.by_error[j] = 0.0
     for j in range(s.gains.shape[1]):
         work.resting[j] = resting_noise(s, x, j)
         work.slow[j] = slow_noise(s, x, j)
@@ -367,27 +360,11 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
         column = work.white_columns[j]
         size = 0.0
         along = 0.0
-        for i in range(1, w.shape[0]):
+        for i in range(1, j + 1 if s.straddle == 0 else w.shape[0]):  # zeros follow
             size += column[i] * column[i]
             along += column[i] * w[i]
         if size > LEAST_LEFT * work.white_columns[j, 0]:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
-
-
-@compiled
-def explain_by_errors(s: BankSettings, n: float, square: Array, work: BankWork) -> None:
-    """Find what the error of one effector's older effect explains of ``work.w``, by its squared standard error (p,)."""
-    for j in range(work.by_error.shape[0]):
-        column = work.white_columns[s.effectors_from + 1 + j]
-        size = 0.0
-        along = 0.0
-        for i in range(1, work.w.shape[0]):
-            size += column[i] * column[i]
-            along += column[i] * work.w[i]
-        error = square[s.effectors_from + 1 + j]
-        if error > 0.0 and size > 0.0:
-            explained = along * along / (size + 0.5 * n / error) / n
-            work.by_error[j] = max(work.by_error[j], explained)
 
 
 @compiled

@@ -373,12 +373,11 @@ def _kinematics(
 
 def _noise(period: float, straddle: int) -> dict[str, Any]:
     """Return by what the noise of sensors is found, and what becomes of it where inputs have passed a window."""
-    third, second, white_spread, slope_noise, white_share = _window_noise(straddle)
+    third, second, white_spread, slope_noise = _window_noise(straddle)
     return dict(
         third=third,
         second=second,
         white_spread=white_spread,
-        white_share=white_share,
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         rest_block=max(round(RESTS / period), FEWEST_RESTING),
@@ -448,25 +447,23 @@ def _window(straddle: int) -> tuple[Array, Array]:
     return np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]), np.diff(raw)
 
 
-def _window_noise(straddle: int) -> tuple[float, float, float, float, float]:
+def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     """Return what white noise becomes in such a window.
 
     By what third and second differences of the values are as large as the noise in them; the variance of a sum of
-    products of the former and of slopes of other noise, without a window of second differences of both, over that of
-    independent ones (Bartlett's formula); the variance of the values over the least that the best prediction leaves of
-    the slopes, the square of their first weight (Kolmogorov's formula) [sample^2]; and how much of the third difference
-    is in the value at its end, without a window in itself.
+    products of the former and of slopes of other noise, over that of independent ones (Bartlett's formula); and the
+    variance of the values over the least that the best prediction leaves of the slopes, the square of their first
+    weight (Kolmogorov's formula) [sample^2].
     """
     window, slope = _window(straddle)
     thirds, seconds = (np.convolve(window, of) for of in ([1.0, -3.0, 3.0, -1.0], [1.0, -2.0, 1.0]))
     square = float(np.sum(window * window))
     over_slope = square / float(slope[0] * slope[0]) if straddle > 0 else 0.0
-    alike, of_slopes = (_filtered(thirds), _filtered(slope)) if straddle > 0 else 2 * (_filtered(seconds),)
+    alike, of_slopes = _filtered(thirds), _filtered(slope)
     shared = min(len(alike), len(of_slopes))
     spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
     third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))
-    share = third * float(np.sum(thirds[: len(window)] * window)) / square if straddle > 0 else 1.0
-    return third, second, spread, over_slope, share
+    return third, second, spread, over_slope
 
 
 def _unlike(straddle: int, lag: int) -> float:

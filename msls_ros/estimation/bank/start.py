@@ -161,7 +161,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         white_past=np.zeros((3, effectors)),
         white=np.zeros(effectors),
         white_median=np.zeros(effectors),
-        white_error=np.zeros((2, rows)),
+        white_answer=np.zeros((rows, effectors)),
         white_cross=np.zeros((rows, effectors)),
         white_power=np.zeros((rows, effectors)),
         white_answered=np.zeros((rows, effectors)),

@@ -214,10 +214,10 @@ class BankState(NamedTuple):
     """(c,) their second differences, through a window third ones, of the size of their noise; 0 at edges."""
     white_median: Array
     """(c,) median square of these, edges and all."""
-    white_error: Array
-    """(2, r) prediction errors of one and two samples ago, without a window."""
+    white_answer: Array
+    """(r, c) what outputs did last by each effector and beyond the model."""
     white_cross: Array
-    """(r, c) weighted sums of what outputs did by these, times these, see `bank.effector_noise`."""
+    """(r, c) weighted sums of that times these."""
     white_power: Array
     """(r, c) of their squares."""
     white_answered: Array
