@@ -39,7 +39,7 @@ class WatchedIdentifier(IdentifierNode):
         same = mine is not None and found is not None
         if mine is not None and found is not None:
             same = all((getattr(mine, n) == getattr(found, n)).all() for n in ("a", "b", "bias", "a_std", "b_std"))
-        return {"samples": len(self._samples), "same_bits": bool(same), "old": self._monitor.old}
+        return {"samples": len(self._samples), "same_bits": bool(same), "old": self._answers.old}
 
 
 class WatchedPlant(PlantNode):

@@ -17,25 +17,16 @@ from rclpy.parameter import Parameter
 from rclpy.subscription import Subscription
 from std_srvs.srv import SetBool, Trigger
 
-from msls_ros.estimation import (
-    Configuration,
-    Dither,
-    Estimate,
-    EstimationError,
-    FaultEvent,
-    Identifier,
-    Level,
-)
+from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.estimation.compiled import HAVE_NUMBA
 from msls_ros.estimation.warm_up import is_kept, warm_up
 from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
-from msls_ros.inputs.dither_echo import DitherEcho
-from msls_ros.inputs.freshness import Freshness, LossWatch, RateWatch
+from msls_ros.inputs.answers import Answers, Pause
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
 from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, subscribe, subscribe_own
-from msls_ros.nodes.monitoring import Arrivals, Monitor, Pause, judged, told
+from msls_ros.nodes.monitoring import Course, Monitor, Pace, judged, told
 from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
     NodeError,
@@ -102,7 +93,6 @@ class IdentifierNode(LifecycleNode):
         self._identifier: Identifier | None = None
         self._sample: PairedSample | None = None
         self._active = False
-        self._stale = True
         self._model_due = False
         self.events = 0
         """Fault events published."""
@@ -154,6 +144,14 @@ class IdentifierNode(LifecycleNode):
         self._subscriptions_made = self._subscribe(c)
         first = built.estimate(0.0, np.zeros(len(c.states)))
         self._outputs = Outputs(self, c, self._p["frame_id"], depth_of(KEPT, c.sample_rate), first)
+        self._answers = Answers(
+            built,
+            self._synchronizer,
+            self._monitor.silent,
+            self._outputs.dither,
+            partial(self.get_logger().warning, throttle_duration_sec=1.0),
+            lockstep=self._p["lockstep"],
+        )
         self._services_offered = [
             self.create_service(Trigger, "~/reset", self._on_reset),
             self.create_service(SetBool, "~/enable_dither", self._on_enable_dither),
@@ -186,7 +184,8 @@ class IdentifierNode(LifecycleNode):
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Stop the dither, then ignore what comes in."""
-        self._inhibit("the identifier is deactivated")
+        if not self._answers.stale:
+            self._stop("the identifier is deactivated")
         self._active = False
         self._bond.end()
         self.get_logger().info("inactive: samples are ignored")
@@ -203,7 +202,6 @@ class IdentifierNode(LifecycleNode):
             self.destroy_subscription(subscription)
         self._outputs.destroy()
         self._identifier = self._sample = None
-        self._stale = True
         self.get_logger().info("unconfigured: everything is forgotten")
         return SUCCESS
 
@@ -245,11 +243,7 @@ class IdentifierNode(LifecycleNode):
         self._own = OwnInputs(self._synchronizer)
         self._topics = [STATE, EFFECTORS] if self._adapter is None else list(self._adapter.topics)
         self._monitor = Monitor(dict.fromkeys(self._topics, ""), self._steady)
-        self._held, self._arrivals = 0, Arrivals()
-        self._freshness, self._rate = Freshness(), RateWatch(configuration.sample_rate)
-        self._losses = LossWatch(configuration.sample_rate, self._p["queue"])
-        self._echo = DitherEcho(configuration.effectors, configuration.sample_rate)
-        self._pace, self._sample_rate = "", configuration.sample_rate
+        self._pace = Pace(configuration.sample_rate, self._p["queue"], self.get_logger())
         return self._identifier
 
     def _stale_after(self) -> float:
@@ -276,31 +270,11 @@ class IdentifierNode(LifecycleNode):
         except EstimationError as error:
             self._refuse(Refused("field", str(error)))
             return
-        if self._adapter.held != self._held:
-            self._held = self._adapter.held
-            self._hold_dither()
-        for text in self._adapter.newly_slow():
-            self.get_logger().warning(text)
-        slowest, rate = self._adapter.pace
-        if slowest != self._pace:
-            self._pace = slowest
-            text = (
-                f"{slowest} comes at {rate:.4g} Hz: so do samples" if slowest else "samples come with the clock again"
-            )
-            self.get_logger().info(text)
-        self._rate.expect(rate or self._sample_rate)
-        self._losses.expect(rate or self._sample_rate)
+        if self._answers.hold(self._adapter.held, self._adapter.held_for, self._steady()):
+            self._watch.reset()
+        self._pace.follow(self._adapter)
         for number, row in enumerate(rows, 1):
             self._offer(partial(row.offer, self._synchronizer), number == len(rows))
-
-    def _hold_dither(self) -> None:
-        """Have the last dither go on while rows are held: its stamp is that of the row that it would have answered."""
-        self._arrivals.held = self._steady() if self._held else 0
-        if self._held and not self._stale and self._sample is not None and self._pause() is None:
-            assert self._identifier is not None and self._adapter is not None
-            self._arrivals.answered = self._sample.stamp + self._adapter.held_for
-            self._outputs.dither(self._arrivals.answered, self._identifier.last_dither)
-            self._watch.reset()
 
     def _refuse(self, refused: Refused) -> None:
         self._refusals.take(self._synchronizer.refuse(refused.reason, str(refused)))
@@ -324,37 +298,21 @@ class IdentifierNode(LifecycleNode):
             text = f"time jumped back to {sample.time:.3f} s: starting anew"
             self.get_logger().warning(text, throttle_duration_sec=1.0)
             self._identifier.reset()
-            self._rate.clear()
-            self._arrivals.answered = -1
+            self._pace.clear()
         elif self._sample is None:
             self.get_logger().info(f"first sample, stamped {sample.time:.3f} s")
-        flew, spikes, rate = self._identifier.flying, self._identifier.spikes, self._identifier.learning_rate
+        before = Course.of(self._identifier)
         dither = self._identifier.learn(sample.time, sample.x, sample.xdot, sample.delta)
-        if self._identifier.flying != flew:
-            self.get_logger().info("flying: samples are learnt from" if not flew else "not flying: nothing is learnt")
-        if self._identifier.spikes != spikes:
-            text = f"{self._identifier.spike} jumped away and back before {sample.time:.3f} s: not learnt from"
-            self.get_logger().warning(text, throttle_duration_sec=1.0)
-        if self._identifier.learning_rate != rate:
-            why = f": {self._identifier.repeating} is not measured oftener" if self._identifier.repeated else ""
-            self.get_logger().info(f"learning from {self._identifier.learning_rate:.4g} samples a second{why}")
+        before.tell_changes(self._identifier, sample.time, self.get_logger())
         self._sample = sample
-        old = self._old(sample, newest)
-        if not old:
-            self._stale, self._arrivals.fresh = False, self._steady()
+        if self._answers.take(sample, dither, self._steady(), self._now(), newest):
             self._watch.reset()
-            if sample.stamp > self._arrivals.answered:
-                self._outputs.dither(sample.stamp, dither)
-        self._echo.take(sample.time, sample.delta, None if old else dither.delta)
         for event in self._identifier.take_events():
             self._publish_event(sample, event)
         self._model_due = self._model_due or self._identifier.samples % self._p["publish_every"] == 0
         if self._model_due and self._outputs.model_wanted:
             self._publish_model()
-        if self._losses.take(sample.stamp, self._steady()):
-            self.get_logger().warning(self._losses.sentence)
-        if self._rate.take(sample.stamp) and not self._losses.sentence:
-            self.get_logger().warning(self._rate.sentence)
+        self._pace.take(sample.stamp, self._steady())
 
     def _publish_event(self, sample: PairedSample, event: FaultEvent) -> None:
         self.get_logger().warning(event.description)
@@ -367,40 +325,11 @@ class IdentifierNode(LifecycleNode):
         self._model_due = False
         self._outputs.model(self._sample.stamp, self._identifier.estimate(self._sample.time, self._sample.x))
 
-    def _old(self, sample: PairedSample, newest: bool) -> bool:
-        """Whether a sample is too old to be answered by a dither; it is learnt from all the same.
-
-        Of those that come at once, as when a jump is seen to be none, the age of the newest is told.
-        """
-        if self._p["lockstep"]:
-            return False
-        assert self._identifier is not None
-        c = self._identifier.configuration
-        age = self._monitor.age = self._freshness.age(sample.stamp, self._synchronizer.newest, self._now()) * 1e-9
-        self._monitor.backlog = max(round(age * c.sample_rate), 0)
-        if age <= c.dither.stale_after:
-            return False
-        if not newest:
-            return True
-        self._monitor.old += 1
-        self._arrivals.late = self._steady()
-        text = f"samples are {age:.2f} s old, more than {c.dither.stale_after:g} s: learnt from, but no dither for them"
-        self.get_logger().warning(text, throttle_duration_sec=1.0)
-        return True
-
     def _watch_inputs(self) -> None:
         """Set the dither to zero when the samples have stopped, or rows are held while others still come."""
-        if self._stale or self._identifier is None or self._p["lockstep"]:
-            return
-        pause = self._pause()
-        if pause is not None:
-            self.get_logger().warning(pause.message, throttle_duration_sec=1.0)
-            self._inhibit(pause.reason)
-
-    def _pause(self) -> Pause | None:
-        """Return why there is no fresh sample; None: there is."""
-        assert self._identifier is not None
-        return self._arrivals.pause(self._steady(), self._identifier.configuration.dither.stale_after, self._monitor)
+        reason = self._answers.overdue(self._steady()) if self._identifier is not None else ""
+        if reason:
+            self._stop(reason)
 
     def _say_what_is_missing(self) -> None:
         """Say what is waited for while no sample has come."""
@@ -413,19 +342,12 @@ class IdentifierNode(LifecycleNode):
         found = [awaited(self, topic, subscription, t.count) for (topic, t), subscription in inputs]
         return f"waiting for a sample: {'; '.join(found)}"
 
-    def _inhibit(self, reason: str) -> None:
-        """Publish a zero dither, once until samples come again."""
-        if not self._stale:
-            self._stop(reason)
-
     def _stop(self, reason: str) -> None:
+        """Publish a zero dither."""
         if self._identifier is None:
             return
-        self._stale = True
         self._watch.cancel()
-        count = len(self._identifier.configuration.effectors)
-        stamp = self._now() if self._sample is None else self._sample.stamp
-        self._outputs.dither(stamp, Dither(np.zeros(count), 0.0, 0.0, 0.0, Level.INHIBITED, reason))
+        self._answers.stop(self._now() if self._sample is None else self._sample.stamp, reason)
         if self._model_due and self._identifier.samples:  # nobody has listened; who joins from now on gets this one
             self._publish_model()
 
@@ -435,8 +357,8 @@ class IdentifierNode(LifecycleNode):
             self._publish_event(self._sample, asked_to_reset(self._identifier.configuration, self._sample.time))
         self._identifier.reset()
         self._synchronizer.clear()
-        self._rate.clear()
-        self._arrivals.answered = -1
+        self._pace.clear()
+        self._answers.clear()
         if self._adapter is not None:
             self._adapter.clear()
         response.success, response.message = True, "the estimate starts anew"
@@ -492,19 +414,19 @@ class IdentifierNode(LifecycleNode):
 
     def _health(self) -> Health:
         assert self._identifier is not None
-        pause = self._pause() if self._stale else None
-        level, message = judged(self._identifier, self._rate, self._losses, self._active, pause)
+        pause: Pause | None = self._answers.pause(self._steady()) if self._answers.stale else None
+        level, message = judged(self._identifier, self._pace, self._active, pause)
         if self._active and self._sample is None:
             message = self._waiting()
-        if self._active and self._echo.judge():
-            self.get_logger().warning(self._echo.sentence)
+        if self._active and self._answers.echo.judge():
+            self.get_logger().warning(self._answers.echo.sentence)
         values = {
-            **told(self._identifier, self._synchronizer, pause, self._echo),
-            "sample rate by stamps [Hz]": f"{self._rate.measured:.2f}",
-            "lost, faster than real time [samples]": self._losses.lost,
+            **told(self._identifier, self._synchronizer, pause, self._answers.echo),
+            **self._pace.report(),
             **self._monitor.report(),
+            **self._answers.report(),
         }
-        found = [self._echo.sentence] if self._active and self._echo.missing else []
+        found = [self._answers.echo.sentence] if self._active and self._answers.echo.missing else []
         if self._adapter is not None:
             slow = self._adapter.too_slow
             values |= {f"{topic}: too slow [samples]": n for topic, n in self._adapter.slow.samples.items()}

@@ -9,11 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
+from rclpy.impl.rcutils_logger import RcutilsLogger
 
 from msls_ros.estimation import Identifier
 from msls_ros.estimation.compiled import HAVE_NUMBA
-from msls_ros.estimation.spikes import LONGEST
-from msls_ros.inputs import Synchronizer
+from msls_ros.inputs import InputAdapter, Synchronizer
+from msls_ros.inputs.answers import Pause
 from msls_ros.inputs.dither_echo import DitherEcho
 from msls_ros.inputs.freshness import LossWatch, RateWatch
 
@@ -69,12 +70,6 @@ class Monitor:
         self._took: deque[int] = deque(maxlen=REMEMBERED)
         self.last_event = "none"
         """Description of the last event."""
-        self.age = 0.0
-        """Of the newest sample, by its stamp [s]."""
-        self.backlog = 0
-        """Samples that have come after the one in work."""
-        self.old = 0
-        """Samples too old for a dither."""
 
     def took(self, nanoseconds: int) -> None:
         """Take note of how long a sample took."""
@@ -99,65 +94,83 @@ class Monitor:
             p50, p99, most = np.percentile(np.array(self._took), [50.0, 99.0, 100.0]) * 1e-6
             for name, value in (("p50", p50), ("p99", p99), ("max", most)):
                 values[f"processing {name} [ms]"] = f"{value:.3f}"
-        values["age of the newest sample [s]"] = f"{self.age:.3f}"
-        values["backlog [samples]"] = self.backlog
-        values["too old for a dither [samples]"] = self.old
         values["last event"] = self.last_event
         return values
 
 
-class Pause(NamedTuple):
-    """Why there is no fresh sample."""
+class Pace:
+    """Whether samples come as fast as was promised, or as the stream that sets their pace; it says so in the log.
 
-    reason: str
-    """As the zero dither says it."""
-    message: str
-    """The same for /diagnostics and the log, with what follows of it."""
-    coming: bool
-    """Samples come, but are held or late."""
+    Parameters
+    ----------
+    nominal
+        Rate of the samples [Hz].
+    queue
+        What the queues hold [s of samples].
+    logger
+        Of the node.
+    """
+
+    def __init__(self, nominal: float, queue: float, logger: RcutilsLogger) -> None:
+        """Begin; see the class."""
+        self._nominal, self._logger, self._slowest = nominal, logger, ""
+        self.rate, self.losses = RateWatch(nominal), LossWatch(nominal, queue)
+
+    def clear(self) -> None:
+        """Begin anew, after a jump of time."""
+        self.rate.clear()
+
+    def follow(self, adapter: InputAdapter) -> None:
+        """Expect samples at the pace of an adapter; name its topics that are too slow."""
+        for text in adapter.newly_slow():
+            self._logger.warning(text)
+        slowest, rate = adapter.pace
+        if slowest != self._slowest:
+            self._slowest = slowest
+            text = f"{slowest} comes at {rate:.4g} Hz: so do samples" if slowest else ""
+            self._logger.info(text or "samples come with the clock again")
+        self.rate.expect(rate or self._nominal)
+        self.losses.expect(rate or self._nominal)
+
+    def take(self, stamp: int, steady: int) -> None:
+        """Take a sample's stamp and the steady clock [ns]."""
+        if self.losses.take(stamp, steady):
+            self._logger.warning(self.losses.sentence)
+        if self.rate.take(stamp) and not self.losses.sentence:
+            self._logger.warning(self.rate.sentence)
+
+    def report(self) -> dict[str, object]:
+        """Return it for /diagnostics."""
+        return {
+            "sample rate by stamps [Hz]": f"{self.rate.measured:.2f}",
+            "lost, faster than real time [samples]": self.losses.lost,
+        }
 
 
-class Arrivals:
-    """When samples came that could be answered by a dither, and when those that could not."""
+class Course(NamedTuple):
+    """What of an identifier's course is worth a line in the log when it changes."""
 
-    def __init__(self) -> None:
-        """Know of no sample yet; see the class."""
-        self.fresh: int | None = None
-        """The last fresh one [ns]."""
-        self.held = self.late = 0
-        """When the last one came that is held as it may be a spike, and the last that was too old [ns].
+    flying: bool
+    spikes: int
+    rate: float
+    """At which it learns [samples/s]."""
 
-        Data that arrive are not stale while they are held: that is no pause, for as long as a spike may last.
-        """
-        self.answered = -1
-        """Stamp up to which the last dither has been held for those [ns]; less than any: none has."""
+    @classmethod
+    def of(cls, identifier: Identifier) -> Course:
+        """Return that of now."""
+        return cls(identifier.flying, identifier.spikes, identifier.learning_rate)
 
-    def pause(self, now: int, limit: float, monitor: Monitor) -> Pause | None:
-        """Return why no fresh sample has come for longer than a limit [s]; None: one has.
-
-        Parameters
-        ----------
-        now
-            The steady clock [ns].
-        limit
-            `dither.stale_after`.
-        monitor
-            Of the inputs.
-        """
-        since = self.fresh or 0
-        age = (now - since) * 1e-9 if self.fresh is not None else 0.0
-        waits = (now - self.held) * 1e-9 <= limit and age <= limit + LONGEST
-        if self.fresh is not None and (age <= limit or waits):
-            return None
-        more = f"more than {limit:g} s"
-        if 2 * (self.held - since) > now - since:
-            reason = f"samples held for {age:.2f} s, {more}, as a number may be a spike"
-            return Pause(reason, f"{reason}: the dither pauses", True)
-        if 2 * (self.late - since) > now - since:
-            reason = f"samples come {monitor.age:.2f} s late, {more}"
-            return Pause(reason, f"{reason}: learnt from, but the dither is zero", True)
-        message = f"no samples for {age:.2f} s ({monitor.silent(now, since)}): the dither is zero"
-        return Pause(f"no sample for {age:.2f} s, {more}", message, False)
+    def tell_changes(self, identifier: Identifier, time: float, logger: RcutilsLogger) -> None:
+        """Say what has changed with the sample of a time [s]."""
+        flying, spikes, rate = self.of(identifier)
+        if flying != self.flying:
+            logger.info("flying: samples are learnt from" if flying else "not flying: nothing is learnt")
+        if spikes != self.spikes:
+            text = f"{identifier.spike} jumped away and back before {time:.3f} s: not learnt from"
+            logger.warning(text, throttle_duration_sec=1.0)
+        if rate != self.rate:
+            why = f": {identifier.repeating} is not measured oftener" if identifier.repeated else ""
+            logger.info(f"learning from {rate:.4g} samples a second{why}")
 
 
 def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None, echo: DitherEcho) -> dict[str, object]:
@@ -193,18 +206,16 @@ def told(identifier: Identifier, gate: Synchronizer, pause: Pause | None, echo: 
     }
 
 
-def judged(
-    identifier: Identifier, rate: RateWatch, losses: LossWatch, active: bool, pause: Pause | None
-) -> tuple[bytes, str]:
+def judged(identifier: Identifier, pace: Pace, active: bool, pause: Pause | None) -> tuple[bytes, str]:
     """Return level and message of an identifier's health; arguments as for `told`."""
     if not active:
         return DiagnosticStatus.OK, "inactive"
     if pause:
         return DiagnosticStatus.WARN if pause.coming else DiagnosticStatus.STALE, pause.message
-    if losses.sentence:
-        return DiagnosticStatus.WARN, losses.sentence
-    if rate.deviates:
-        return DiagnosticStatus.WARN, rate.sentence
+    if pace.losses.sentence:
+        return DiagnosticStatus.WARN, pace.losses.sentence
+    if pace.rate.deviates:
+        return DiagnosticStatus.WARN, pace.rate.sentence
     if not identifier.enabled:
         return DiagnosticStatus.WARN, "frozen: samples are not learnt from"
     if not identifier.flying:

@@ -163,10 +163,10 @@ def test_dither_goes_on_while_rows_are_held_and_pauses_when_nothing_comes(
             released = released or node.synchronizer.paired
     assert node._sample is not None
     if not coming:
-        assert not node._stale and node._adapter.held == 2
+        assert not node._answers.stale and node._adapter.held == 2
         clock.nanoseconds += 99_000_000
         node._watch_inputs()
-        assert not node._stale
+        assert not node._answers.stale
         clock.nanoseconds += 2_000_000
         node._watch_inputs()
         bench.spin_until(lambda: dithers and dithers[-1].level == DitherCommand.LEVEL_INHIBITED, "the zero dither")
@@ -179,7 +179,7 @@ def test_dither_goes_on_while_rows_are_held_and_pauses_when_nothing_comes(
     late = [one for one in dithers if stamp_of(one) > 2_000_000_000]
     assert {b - a for a, b in pairwise(map(stamp_of, late))} == {20_000_000}
     assert all(one.level == DitherCommand.LEVEL_NOMINAL for one in late)
-    assert node._monitor.old == 0
+    assert node._answers.old == 0
     said = capfd.readouterr().err
     assert "samples held" not in said and "s old" not in said
     assert (node._health().level, node._health().message) == (DiagnosticStatus.OK, "identifying")

@@ -89,7 +89,7 @@ def test_samples_older_than_stale_after_are_learnt_from_but_get_no_dither(
     source.send(*(now - 300_000_000 + k for k in range(3)))
     bench.expect(source.model, 5, "models of all samples")
     assert sum(level != DitherCommand.LEVEL_INHIBITED for level in levels(source.dither)) == 2
-    assert source.node._monitor.old == 3
+    assert source.node._answers.old == 3
     source.node._watch_inputs()
     assert source.node._health().message.startswith("samples come 0.")
     assert "late, more than 0.1 s: learnt from, but the dither is zero" in source.node._health().message
@@ -101,7 +101,7 @@ def test_stamps_of_another_epoch_are_not_taken_for_old(bench: Bench) -> None:
     source = Source(bench)
     source.send(*(7 * SECOND + k * 20_000_000 for k in range(3)))
     bench.expect(source.dither, 3)
-    assert source.node._monitor.old == 0
+    assert source.node._answers.old == 0
 
 
 def test_a_rate_that_is_not_the_promised_one_is_told_of_once(bench: Bench, capfd: pytest.CaptureFixture[str]) -> None:
