@@ -166,6 +166,7 @@ class InputAdapter:
         )
         self._names = (*self._states, *self._effectors, *(f"d{name}/dt" for name in self._states), *_RATES)
         frames.to_body((0.0, 0.0, 0.0), frames.euler_angles((1.0, 0.0, 0.0, 0.0), "frd", "ned"))  # compiles now
+        self._told_held = 0
         self._restart()
 
     @classmethod
@@ -219,9 +220,14 @@ class InputAdapter:
         """Rows held until it is seen whether a number that has jumped comes back: a spike, see `SpikeFilter`."""
         return self._held
 
-    @property
-    def held_for(self) -> int:
-        """Time from the last row that was used to the newest that is held [ns]; 0: none is."""
+    def newly_held(self) -> int | None:
+        """Return the time from the last row that was used to the newest that is held [ns], 0 where none is any more.
+
+        None: as many are held as at the last call.
+        """
+        if self._held == self._told_held:
+            return None
+        self._told_held = self._held
         return self._newest - self._last_used if self._held else 0
 
     def push(self, topic: str, stamp_ns: int, message: Any) -> list[Row]:

@@ -29,6 +29,33 @@ class Pause(NamedTuple):
     """Samples come, but are held or late."""
 
 
+class Answered:
+    """Which stamps have been answered: also those of rows that were held, by the dither of the last sample before."""
+
+    def __init__(self) -> None:
+        """Know of none; see the class."""
+        self._until = -1
+
+    def clear(self) -> None:
+        """Answer samples of any stamp again, as time begins anew."""
+        self._until = -1
+
+    def hold(self, stamp: int, held_for: int) -> int:
+        """Return the stamp that the last dither goes on to answer [ns].
+
+        Parameters
+        ----------
+        stamp, held_for
+            Of the last sample [ns], and the time from the last row that was used to the newest that is held [ns].
+        """
+        self._until = stamp + held_for
+        return self._until
+
+    def is_open(self, stamp: int) -> bool:
+        """Whether a stamp [ns] is not answered yet."""
+        return stamp > self._until
+
+
 class Answers:
     """Answer samples with dither, and watch whether it comes back.
 
@@ -70,11 +97,10 @@ class Answers:
         """Of the newest sample, by its stamp [s]."""
         self.old = 0
         """Samples too old for a dither."""
-        self._stamp = 0
+        self._stamp, self._going = 0, identifier.last_dither
         self._fresh: int | None = None
         self._held = self._late = 0
-        self._waiting = 0
-        self._answered = -1
+        self._answered = Answered()
 
     @property
     def backlog(self) -> int:
@@ -83,7 +109,7 @@ class Answers:
 
     def clear(self) -> None:
         """Answer samples of any stamp again, as time begins anew."""
-        self._answered = -1
+        self._answered.clear()
 
     def take(self, sample: PairedSample, dither: Dither, steady: int, now: int, newest: bool = True) -> bool:
         """Answer a sample if it is fresh; return whether it is.
@@ -104,9 +130,10 @@ class Answers:
         old = not self._lockstep and self._old(sample.stamp, steady, now, newest)
         if not old:
             self.stale, self._fresh = False, steady
-            if sample.stamp > self._answered:
+            if self._answered.is_open(sample.stamp):
+                self._going = dither
                 self._publish(sample.stamp, dither)
-        self.echo.take(sample.time, sample.delta, None if old else dither.delta)
+        self.echo.take(sample.time, sample.delta, None if old else self._going.delta)
         return not old
 
     def _old(self, stamp: int, steady: int, now: int, newest: bool) -> bool:
@@ -121,25 +148,25 @@ class Answers:
             self._warn(f"samples are {self.age:.2f} s old, more than {limit:g} s: learnt from, but no dither for them")
         return True
 
-    def hold(self, waiting: int, held_for: int, steady: int) -> bool:
-        """Have the last dither go on if more rows are held than at the last call; return whether it does.
+    def hold(self, held_for: int | None, steady: int) -> bool:
+        """Have the last dither go on if more rows are held than before; return whether it does.
 
         Data that arrive are not stale while they are held: that is no pause, for as long as a spike may last.
 
         Parameters
         ----------
-        waiting, held_for
-            Rows that are held, and the time from the last that was used to the newest of them [ns].
+        held_for
+            See `InputAdapter.newly_held`.
         steady
             The steady clock [ns].
         """
-        if waiting == self._waiting:
+        if held_for is None:
             return False
-        self._waiting, self._held = waiting, steady if waiting else 0
-        if not waiting or self.stale or self.pause(steady) is not None:
+        self._held = steady if held_for else 0
+        if not held_for or self.stale or self.pause(steady) is not None:
             return False
-        self._answered = self._stamp + held_for
-        self._publish(self._answered, self._identifier.last_dither)
+        self._going = self._identifier.last_dither
+        self._publish(self._answered.hold(self._stamp, held_for), self._going)
         return True
 
     def pause(self, steady: int) -> Pause | None:

@@ -27,6 +27,15 @@ class Stream(NamedTuple):
     """(k, n) each: x and xdot, or delta."""
 
 
+class Held(NamedTuple):
+    """More rows are held, as a number may be a spike: the last dither goes on, see `Answered`."""
+
+    held_for: int
+    """See `InputAdapter.newly_held`."""
+    after: int = 0
+    """Samples of the block before it."""
+
+
 class PairedBlock(NamedTuple):
     """Paired samples in a row, in the order of the gate's names."""
 
@@ -37,6 +46,8 @@ class PairedBlock(NamedTuple):
     x: Array
     xdot: Array
     delta: Array
+    held: Sequence[Held] = ()
+    """Where rows were held meanwhile; then there may be not one sample."""
 
 
 def pair_block(

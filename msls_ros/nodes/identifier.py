@@ -270,7 +270,7 @@ class IdentifierNode(LifecycleNode):
         except EstimationError as error:
             self._refuse(Refused("field", str(error)))
             return
-        if self._answers.hold(self._adapter.held, self._adapter.held_for, self._steady()):
+        if self._answers.hold(self._adapter.newly_held(), self._steady()):
             self._watch.reset()
         self._pace.follow(self._adapter)
         for number, row in enumerate(rows, 1):

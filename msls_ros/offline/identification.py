@@ -203,6 +203,8 @@ class _Flow:
         identifier = Identifier(self._configuration, straddle)
         time, x = 0.0, np.zeros(0)
         for block in blocks:
+            if not len(block.stamps):
+                continue
             if block.restarted:
                 identifier.reset()
             stamps = np.multiply(block.stamps, 1e-9, dtype=np.float64)

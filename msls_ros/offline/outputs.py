@@ -11,7 +11,8 @@ from numpy.typing import NDArray
 from msls_ros import records
 from msls_ros.bags import BagWriter, MessageTemplate
 from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
-from msls_ros.inputs.block_pairing import PairedBlock
+from msls_ros.inputs.answers import Answered
+from msls_ros.inputs.block_pairing import Held, PairedBlock
 from msls_ros.offline.best import BestModel
 
 DITHER, FAULT, MODEL = "msls_msgs/msg/DitherCommand", "msls_msgs/msg/FaultEvent", "msls_msgs/msg/LinearModel"
@@ -61,6 +62,8 @@ class IdentifierOutput:
         """Of the models that were written."""
         self.events: list[tuple[int, FaultEvent]] = []
         """Stamps [ns] and events."""
+        self._last: list[DitherBlock] = []
+        self._answered = Answered()
         self.span: tuple[int, int] | None = None
         """Stamps of the first and the last sample [ns]."""
 
@@ -95,10 +98,14 @@ class IdentifierOutput:
         if segment.restarted:
             self._before = self.grounded, self.spikes, self.repeated
             self._identifier.reset()
+            self._answered.clear()
         stamps = segment.stamps
+        if not len(stamps):
+            self._write(list(self._answers(segment, [])))
+            return
         time = np.multiply(stamps, 1e-9, dtype=np.float64)
         run = self._identifier.run(time, segment.x, segment.xdot, segment.delta, self._every)
-        blocks = list(self._dithers(stamps, _joined(run.dithers)))
+        blocks = list(self._answers(segment, run.dithers))
         events = [event for estimate in run.estimates for event in estimate.events]
         blocks += [self._fault(_stamp_at(stamps, time, event.time), event) for event in events]
         models = [estimate for estimate in run.estimates if estimate.samples % self._every == 0]
@@ -109,6 +116,27 @@ class IdentifierOutput:
         self.samples += len(stamps)
         self.models += len(models)
         self.span = (self.span[0] if self.span else int(stamps[0]), int(stamps[-1]))
+
+    def _answers(self, segment: PairedBlock, made: list[DitherBlock]) -> Iterator[Block]:
+        """Serialise the dithers that answer a segment, stamped as in flight; ``made`` are those of its samples."""
+        if not self._last and not made:
+            return
+        found = _joined([*self._last, *made])
+        first, stamps = len(self._last), segment.stamps.tolist()
+        which, answered, begin = list[int](), list[int](), 0
+        for held_for, end in (*segment.held, Held(0, len(stamps))):
+            for k in range(begin, end):
+                if self._answered.is_open(stamps[k]):
+                    which.append(first + k)
+                    answered.append(stamps[k])
+            begin = end
+            newest = stamps[end - 1] if end else self.span and self.span[1]
+            if held_for and newest is not None:
+                which.append(first + end - 1)
+                answered.append(self._answered.hold(newest, held_for))
+        self._last = [DitherBlock._make(column[-1:].copy() for column in found)]
+        if which:
+            yield from self._dithers(np.array(answered, np.int64), DitherBlock._make(column[which] for column in found))
 
     def _dithers(self, stamps: Stamps, block: DitherBlock) -> Iterator[Block]:
         """Serialise dithers; those of one reason are one block."""

@@ -18,11 +18,11 @@ import numpy as np
 
 from msls_ros.bags import AnyReader, BagError, BagMessage, SampleDecoder
 from msls_ros.inputs import InputAdapter, PairedSample, Refused, Synchronizer
-from msls_ros.inputs.block_pairing import PairedBlock, Stream, pair_block
+from msls_ros.inputs.block_pairing import Held, PairedBlock, Stream, pair_block
 from msls_ros.inputs.synchronizer import PENDING
 
 Batches = Iterator[list[BagMessage]]
-Offer = Callable[[], PairedSample | None]
+Offer = Callable[[], PairedSample | Held | None]
 STATE, EFFECTORS = "msls_msgs/msg/StateSample", "msls_msgs/msg/EffectorSample"
 _LEAVES = {"state": STATE, "effectors": EFFECTORS}
 _LOOK = 1000
@@ -320,13 +320,18 @@ class MappedSource:
             except BagError as error:
                 self._gate.refuse("malformed", str(error))
                 continue
-            for row in self._adapter.push(message.topic, message.stamp_ns, decoded):
+            rows = self._adapter.push(message.topic, message.stamp_ns, decoded)
+            held_for = self._adapter.newly_held()
+            if held_for:
+                yield partial(Held, held_for)
+            for row in rows:
                 yield partial(row.offer, self._gate)
 
 
 def collected(offers: Iterable[Offer]) -> Iterator[PairedBlock]:
     """Yield what the gate lets pass; one block between two jumps of time."""
     samples: list[PairedSample] = []
+    held: list[Held] = []
     for offer in offers:
         try:
             sample = offer()
@@ -334,19 +339,23 @@ def collected(offers: Iterable[Offer]) -> Iterator[PairedBlock]:
             continue
         if sample is None:
             continue
-        if sample.restarted and samples:
-            yield _block_of(samples)
-            samples = []
+        if isinstance(sample, Held):
+            held.append(sample._replace(after=len(samples)))
+            continue
+        if sample.restarted and (samples or held):
+            yield _block_of(samples, held)
+            samples, held = [], []
         samples.append(sample)
-    if samples:
-        yield _block_of(samples)
+    if samples or held:
+        yield _block_of(samples, held)
 
 
-def _block_of(samples: list[PairedSample]) -> PairedBlock:
+def _block_of(samples: list[PairedSample], held: list[Held]) -> PairedBlock:
     return PairedBlock(
-        samples[0].restarted,
+        bool(samples) and samples[0].restarted,
         np.array([s.stamp for s in samples], dtype=np.int64),
         np.array([s.x for s in samples]),
         np.array([s.xdot for s in samples]),
         np.array([s.delta for s in samples]),
+        held,
     )

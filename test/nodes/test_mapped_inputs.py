@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.inputs import declare_inputs, subscribe
 from msls_ros.nodes.parameters import NodeError
 from msls_ros.nodes.quality import INPUT
+from msls_ros.offline.replay import ReplayOptions, load, replay
 from msls_ros.plant import STATES
 from msls_ros.testing import Bench
 
@@ -183,6 +185,40 @@ def test_dither_goes_on_while_rows_are_held_and_pauses_when_nothing_comes(
     said = capfd.readouterr().err
     assert "samples held" not in said and "s old" not in said
     assert (node._health().level, node._health().message) == (DiagnosticStatus.OK, "identifying")
+
+
+def test_dithers_are_those_of_a_replay_also_where_rows_are_held(bench: Bench, tmp_path: Path) -> None:
+    """A deflection spikes, steps and stays, and steps again at the end; then all once more, back in time."""
+    flight = replace(rigid_flight(2.4), effectors=("elevator", "aileron", "rudder"))
+    sent = list(made.standard(flight))
+    for stamp, _, kind, fields in sent:
+        after = 1e-9 * (stamp - made.START)
+        if kind == made.JOINTS and (1.4 < after < 1.44 or 1.8 < after < 2.36):
+            fields["position"] = fields["position"] + 3.0
+    later = [(stamp + 3_000_000_000, topic, kind, fields) for stamp, topic, kind, fields in sent]
+    bag = made.write_bag(tmp_path / "bag", iter([*sent, *later]), tmp_path / "definitions")
+    configuration, inputs = read_profile(PROFILE), read_inputs(PROFILE)
+    replayed = replay(bag, tmp_path / "out", configuration, ReplayOptions(inputs=inputs))
+    expected = [decoded for _, decoded in load(tmp_path / "out").topic("dither")]
+
+    node, clock = make(bench), Clockwork()
+    node._steady, node._now = clock, lambda: clock.nanoseconds - lead  # type: ignore[method-assign]
+    taken, dithers, lead = count_messages(node), bench.listen(DitherCommand, "dither"), 0
+    for number, (logged, topic, kind, fields) in enumerate([*sent, *later], 1):
+        clock.nanoseconds, lead = logged, 0 if number <= len(sent) else 3_000_000_000
+        bench.publish(topic, fill(TYPES[kind](), fields))
+        bench.expect(taken, number)
+    bench.expect(dithers, len(expected), "all dithers")
+    assert node._adapter is not None and node._adapter.held == 2
+    assert replayed.refused["spike"] == 4 and replayed.restarts == 1
+    assert [answer(one) for one in dithers] == [answer(one) for one in expected]
+    assert len({answer(one)[1] for one in dithers}) < len(dithers) - 20, "some go on"
+
+
+def answer(dither: Any) -> tuple[int, bytes, int, str]:
+    """Return stamp, deflections, level and reason of a dither."""
+    stamp = dither.header.stamp
+    return int(stamp.sec * 10**9 + stamp.nanosec), np.array(dither.delta).tobytes(), dither.level, dither.reason
 
 
 @pytest.mark.parametrize("dead", ["/odom", "/joint_states", "the link", "nothing"])
