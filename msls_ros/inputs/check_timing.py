@@ -12,7 +12,7 @@ from msls_ros.inputs.derivatives import usual_intervals
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding
 from msls_ros.inputs.input_map import UNITS, InputMap, TopicInput
 from msls_ros.inputs.input_plan import plan
-from msls_ros.inputs.series import Record, Series, TopicTimes
+from msls_ros.inputs.series import UNDECODED, Record, Series, TopicTimes
 
 _SLOW, _TOO_SLOW = 20.0, 8.0
 """Rates of a servo record below which B is doubtful, and wrong: rigid-body modes are at 0.5 to 3 Hz [Hz]."""
@@ -34,8 +34,12 @@ def check_fields(record: Record) -> Iterator[Finding]:
                 continue
             whole = where not in record.series and where.removeprefix("topics.") not in _filled(record)
             level = WRONG if whole or reason == "field" else DOUBTFUL
-            share = "in every message" if whole else f"in {count} messages"
-            yield Finding(level, reason, f"inputs.{where}", f"{text} ({share})", _mend_of(reason))
+            what, change = f"{text} ({'in every message' if whole else f'in {count} messages'})", _mend_of(reason)
+            if reason == UNDECODED:
+                total = len(record.topics[where.removeprefix("topics.")].stamps) + sum(n for n, _ in reasons.values())
+                what = f"{total:,} messages, {'none can' if count == total else f'{count:,} cannot'} be decoded: {text}"
+                change = change if count == total else "record it again, or do without these"
+            yield Finding(level, reason, f"inputs.{where}", what, change)
     for alias, topic in record.inputs.topics.items():
         if not len(record.topics[alias].stamps) and f"topics.{alias}" not in record.failures:
             what = f"topic {topic.topic} has no message in this log"
@@ -48,6 +52,8 @@ def _filled(record: Record) -> set[str]:
 
 def _mend_of(reason: str) -> str:
     return {
+        UNDECODED: "record it again, or give the definition of its type",
+        "names": "write names that the messages have into states and effectors",
         "field": "write one of the fields that exist",
         "field_missing": "write an element that the messages hold",
         "not_finite": "map a field that is measured",

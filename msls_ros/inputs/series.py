@@ -1,13 +1,12 @@
 """What an inspection looks at: each stream of a map as arrays, read message by message, and what could not be read.
 
-A stream whose messages lack the field, the element or the joint is not given up silently: the first sentence of each
-kind of failure is kept, with how often it came.
+A stream whose messages lack the field, the element or the joint, or cannot be decoded, is not given up silently: the
+first sentence of each kind of failure is kept, with how often it came.
 """
 
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -22,6 +21,8 @@ from msls_ros.inputs.input_map import InputMap, StreamInput
 from msls_ros.inputs.timeline import Refused
 
 Stamps = NDArray[np.int64]
+UNDECODED = "undecoded"
+"""Reason of messages that cannot be decoded."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +66,12 @@ class Record:
     failures: dict[str, dict[str, tuple[int, str]]] = field(default_factory=dict)
     """By stream or alias: for each reason how often, and the first sentence."""
 
+    def fail(self, where: str, reason: str, sentence: str) -> None:
+        """Count a failure."""
+        own = self.failures.setdefault(where, {})
+        count, first = own.get(reason, (0, sentence))
+        own[reason] = count + 1, first
+
 
 class Collector:
     """Read messages through a map.
@@ -82,8 +89,7 @@ class Collector:
         self._streams = {alias: [s for s in inputs.streams.values() if s.source == alias] for alias in inputs.topics}
         self._rows: dict[str, tuple[list[int], list[tuple[float, ...]]]] = {n: ([], []) for n in inputs.streams}
         self._times: dict[str, tuple[list[int], list[int]]] = {alias: ([], []) for alias in inputs.topics}
-        self._counts: Counter[tuple[str, str]] = Counter()
-        self._first: dict[tuple[str, str], str] = {}
+        self._record = Record(inputs)
 
     def take(self, topic: str, logged: int, message: Any) -> None:
         """Take a message of a topic, with its log time [ns]."""
@@ -119,9 +125,15 @@ class Collector:
             rows[0].append(stamp - stream.delay)
             rows[1].append(values)
 
+    def undecoded(self, topic: str, why: str) -> None:
+        """Take note of a message of a topic that cannot be decoded."""
+        alias = self._aliases.get(topic)
+        if alias is not None:
+            self._record.fail(f"topics.{alias}", UNDECODED, why)
+
     def record(self) -> Record:
         """Return what was read; of stamps that repeat or go back the first is kept."""
-        result = Record(self._inputs)
+        result = self._record
         for name, (stamps, rows) in self._rows.items():
             if rows:
                 times = np.array(stamps, dtype=np.int64)
@@ -136,14 +148,10 @@ class Collector:
             step = np.diff(times)
             repeated, back = int((step == 0).sum()), int((step < 0).sum())
             result.topics[alias] = TopicTimes(times, np.array(logged, dtype=np.int64), repeated, back)
-        for (where, reason), count in self._counts.items():
-            result.failures.setdefault(where, {})[reason] = (count, self._first[where, reason])
         return result
 
     def _fail(self, where: str, error: EstimationError | Refused) -> None:
-        reason = error.reason if isinstance(error, Refused) else "field"
-        self._counts[where, reason] += 1
-        self._first.setdefault((where, reason), str(error))
+        self._record.fail(where, error.reason if isinstance(error, Refused) else "field", str(error))
 
 
 def _unlagged(series: Series) -> Series:

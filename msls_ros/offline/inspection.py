@@ -12,11 +12,11 @@ import numpy as np
 from msls_ros.bags import AnyReader, BagError, BagMessage, SampleDecoder
 from msls_ros.estimation import LARGEST, Configuration, EstimationError
 from msls_ros.inputs import InputAdapter, InputMap
+from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.findings import WRONG, Finding, ordered
 from msls_ros.inputs.inspection import check_topics, findings_of
-from msls_ros.inputs.series import Collector, Record, Series, TopicTimes
+from msls_ros.inputs.series import UNDECODED, Collector, Record, Series, TopicTimes
 from msls_ros.offline.sources import EFFECTORS, STATE, InputTopics
-from msls_ros.offline.undecoded import explain_empty
 
 MOST = 150_000
 """Messages that are looked at."""
@@ -80,8 +80,6 @@ def inspect(
         record, looked_at = seen or read_record(reader, inputs, progress)
     missing = {f.where for f in found}
     found += [f for f in findings_of(record, configuration) if f.where not in missing]
-    if isinstance(inputs, InputMap):
-        found = [explain_empty(one, reader, inputs) for one in found]
     stamps = record.topics[record.inputs.clock].stamps
     seconds = float(np.ptp(stamps)) * 1e-9 if len(stamps) else 0.0
     return Inspection(topics, ordered(found), looked_at, seconds)
@@ -110,7 +108,8 @@ def read_record(
         for message in batch[: most - count]:
             try:
                 decoded = own.decode(message)
-            except BagError:
+            except BagError as error:
+                collector.undecoded(message.topic, why_undecoded(own, message, error))
                 continue
             collector.take(message.topic, message.stamp_ns, decoded)
         count += len(batch)
@@ -118,6 +117,11 @@ def read_record(
         if count >= most:
             break
     return collector.record(), min(count, most)
+
+
+def why_undecoded(reader: AnyReader, message: BagMessage, error: BagError) -> str:
+    """Return why a message cannot be decoded, without the log and the topic, which stand beside it."""
+    return str(error).removeprefix(f"{reader.path}: topic {message.topic}: ")
 
 
 def own_map(configuration: Configuration, topics: InputTopics) -> InputMap:
@@ -142,7 +146,7 @@ def _read_own(
         topics.state: _Reading(STATE, configuration.states),
         topics.effectors: _Reading(EFFECTORS, configuration.effectors),
     }
-    count = 0
+    record, count = Record(inputs), 0
     own = reader.only(list(readings))
     for batch in own.batches():
         part = batch[: MOST - count]
@@ -152,13 +156,14 @@ def _read_own(
         progress(min(1.0, max(own.progress, count / MOST)))
         if count >= MOST:
             break
-    record = Record(inputs)
     for alias, source in inputs.topics.items():
         reading = readings[source.topic]
         times, logged, table = (np.concatenate(column) for column in reading.columns)
         step = np.diff(times)
         repeated, back = int((step == 0).sum()), int((step < 0).sum())
         record.topics[alias] = TopicTimes(times, logged, repeated, back)
+        for reason, sentence in reading.failures:
+            record.fail(f"topics.{alias}", reason, sentence)
         _put(record, alias, times, table, reading.names)
     return record, min(count, MOST)
 
@@ -177,6 +182,8 @@ class _Reading:
             Wanted.
         """
         self.names, self._decoder = names, SampleDecoder(msgtype)
+        self.failures: list[tuple[str, str]] = []
+        """Reason and sentence of each message that could not be read."""
         empty = np.zeros(0, dtype=np.int64)
         self.columns: tuple[list[Any], list[Any], list[Any]] = ([empty], [empty], [np.zeros((0, 2 * len(names)))])
 
@@ -190,10 +197,17 @@ class _Reading:
         for message in messages:
             try:
                 sample = self._decoder.decode(message.data)
+            except BagError as error:
+                self.failures.append((UNDECODED, str(error)))
+                continue
+            missing = [name for name in self.names if name not in sample.names]
+            if missing:
+                self.failures.append(("names", f"no '{missing[0]}' among the names {listed(sample.names)}"))
+            elif len(sample.values) != len(sample.names):
+                self.failures.append(("length", f"{len(sample.values)} values of {len(sample.names)} names"))
+            else:
                 rates = sample.rates if sample.rates is None else sample.rates[None, :]
                 self._add([sample.stamp_ns], [message.stamp_ns], sample.names, sample.values[None, :], rates)
-            except (BagError, ValueError, IndexError):
-                continue
 
     def _add(self, stamps: Any, logged: Any, names: tuple[str, ...], values: Any, rates: Any) -> None:
         order = [names.index(name) for name in self.names]

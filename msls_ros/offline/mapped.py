@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Protocol
 
 from msls_ros.bags import AnyReader, BagError, Sample
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputAdapter, InputMap, Refused, StateRow
 from msls_ros.offline.collection import no_collection
+from msls_ros.offline.inspection import why_undecoded
 from msls_ros.offline.recording import Input, Recording
 from msls_ros.offline.sources import ordered_batches
 
@@ -22,12 +23,24 @@ def is_own(reader: AnyReader) -> bool:
     return any(kind.startswith(_OURS) for kind in reader.topics.values())
 
 
+class Observer(Protocol):
+    """Sees each message of a log while it is read."""
+
+    def take(self, topic: str, logged: int, message: Any) -> None:
+        """Take a message, with its log time [ns]."""
+        ...
+
+    def undecoded(self, topic: str, why: str) -> None:
+        """Take note of one that cannot be decoded."""
+        ...
+
+
 def mapped_recording(
     reader: AnyReader,
     configuration: Configuration,
     inputs: InputMap,
     progress: Callable[[float], None] = lambda share: None,
-    observe: Callable[[str, int, Any], None] = lambda topic, logged, message: None,
+    observer: Observer | None = None,
 ) -> Recording:
     """Read a log through its map.
 
@@ -41,8 +54,8 @@ def mapped_recording(
         The map.
     progress
         Called with the share that is read.
-    observe
-        Called with topic, log time [ns] and each message.
+    observer
+        Sees each message; None: nobody does.
 
     Raises
     ------
@@ -67,8 +80,11 @@ def mapped_recording(
                 except BagError as error:
                     refused["malformed"] += 1
                     examples.setdefault("malformed", str(error))
+                    if observer is not None:
+                        observer.undecoded(message.topic, why_undecoded(own, message, error))
                     continue
-                observe(message.topic, message.stamp_ns, decoded)
+                if observer is not None:
+                    observer.take(message.topic, message.stamp_ns, decoded)
                 for row in adapter.push(message.topic, message.stamp_ns, decoded):
                     if isinstance(row, StateRow):
                         found.append(Input("state", row.stamp, Sample(row.stamp, row.names, row.x, row.xdot), ""))

@@ -76,9 +76,7 @@ def gather(
         chosen = chosen_parameters(reader, params, namespace)
         assert isinstance(chosen.inputs, InputMap)
         first = _First(chosen.inputs)
-        record = mapped_recording(
-            reader, chosen.configuration, chosen.inputs, lambda s: progress("reading", s), first.take
-        )
+        record = mapped_recording(reader, chosen.configuration, chosen.inputs, lambda s: progress("reading", s), first)
         gathering = _Gathering(bag, record, params, chosen)
         seen = first.collector.record(), first.count
         gathering.inspection = inspect(reader, chosen.configuration, chosen.inputs, seen=seen)
@@ -95,6 +93,12 @@ class _First:
         """Take a message, of the first of a log."""
         if self.count < MOST:
             self.collector.take(topic, logged, message)
+            self.count += 1
+
+    def undecoded(self, topic: str, why: str) -> None:
+        """Take note of one that cannot be decoded."""
+        if self.count < MOST:
+            self.collector.undecoded(topic, why)
             self.count += 1
 
 
