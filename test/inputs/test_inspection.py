@@ -2,152 +2,36 @@
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 from collections.abc import Callable
-from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from inputs import mapped_messages as made
-from inputs.mapped_messages import Flight, rigid_flight
+from inputs.inspected import (
+    AIR,
+    ATTITUDE,
+    EULER,
+    FORCE,
+    NAMES,
+    OVER_GROUND,
+    RATES,
+    VANES,
+    VELOCITY,
+    Message,
+    flown,
+    later,
+    look,
+    of,
+    vector,
+)
 
-from msls_ros.estimation import Configuration, EstimationError
-from msls_ros.inputs import InputAdapter, InputMap
-from msls_ros.inputs.check_effectors import speed_of_flight
+from msls_ros.estimation import EstimationError
 from msls_ros.inputs.findings import NOTE, WRONG, Finding
-from msls_ros.inputs.inspection import check_topics, findings_of
-from msls_ros.inputs.series import Collector
 
-Message = tuple[int, str, str, dict[str, Any]]
-SECONDS = 6.0
-NAMES = ("elevator", "aileron", "rudder")
-LINES: dict[str, Any] = {
-    "topics.odometry": "/odom nav_msgs/msg/Odometry",
-    "topics.imu": "/imu/data sensor_msgs/msg/Imu",
-    "topics.joints": "/joint_states sensor_msgs/msg/JointState",
-    "clock": "imu",
-    "velocity": "odometry twist.twist.linear frame=flu",
-    "attitude": "odometry pose.pose.orientation frame=flu/enu",
-    "angular_velocity": "imu angular_velocity frame=flu",
-    "specific_force": "imu linear_acceleration frame=flu",
-    "effectors.de": "joints position[name=elevator]",
-    "effectors.da": "joints position[name=aileron]",
-    "effectors.dr": "joints position[name=rudder]",
-}
-AIR = "my_msgs/msg/AirData"
-ARM, WIND = (0.5, 0.0, 0.0), (4.0, -3.0, 0.0)
-TOPICS = {
-    "/air": AIR,
-    "/odom": made.ODOMETRY,
-    "/imu/data": made.IMU,
-    "/joint_states": made.JOINTS,
-    "/rc/out": made.RC_OUT,
-}
-
-
-@cache
-def flown() -> Flight:
-    return replace(rigid_flight(SECONDS), effectors=NAMES)
-
-
-@cache
-def banking(side: float) -> Flight:
-    return replace(rigid_flight(2.0 * SECONDS, side=side, bank=0.12), effectors=NAMES)
-
-
-@cache
-def messages() -> tuple[Message, ...]:
-    return messages_of(flown())
-
-
-def messages_of(flight: Flight) -> tuple[Message, ...]:
-    found = list(made.standard(flight))
-    for k in range(0, len(flight.x), 2):
-        pulses = 1500.0 + np.array([*(flight.delta[k] / 0.00109), 0, 0, 0, 0, 0])
-        values = {"header": made.header(flight.stamp(k)), "channels": np.rint(pulses).astype(np.uint16)}
-        found.append((flight.stamp(k) + 400, "/rc/out", made.RC_OUT, values))
-        found.append((flight.stamp(k) + 500, "/air", AIR, air_data(flight, k)))
-    return tuple(sorted(found, key=lambda m: m[0]))
-
-
-def air_data(flight: Flight, k: int) -> dict[str, Any]:
-    """Return what vanes ahead of the centre of mass, a satellite receiver in a wind, and a gyro of Euler angles say."""
-    x = flight.x[k]
-    met, ground = x[:3] + np.cross(x[3:6], ARM), made.rotation(x[6:]) @ x[:3] + WIND
-    speed = float(np.linalg.norm(met))
-    values = {"tas": speed, "alpha": math.atan2(met[2], met[0]), "beta": math.asin(met[1] / speed)}
-    values.update(zip(("vn", "ve", "vd", "north", "east"), (*ground, *WIND[:2]), strict=True))
-    values.update(zip(("roll", "pitch", "yaw"), x[6:], strict=True))
-    return {"header": made.header(flight.stamp(k)), **{name: float(value) for name, value in values.items()}}
-
-
-class Fields:
-    """A message: attributes, as any has."""
-
-    def __init__(self, fields: dict[str, Any]) -> None:
-        self.__dict__ = {k: Fields(v) if isinstance(v, dict) else v for k, v in fields.items()}
-
-
-def look(
-    changes: dict[str, Any],
-    change: Callable[[Message], Message | None] = lambda m: m,
-    sent: tuple[Message, ...] | None = None,
-    **parameters: Any,
-) -> list[Finding]:
-    """Inspect the flight, or other messages, with a map that is changed; entries that are None are left out."""
-    lines = {k: v for k, v in {**LINES, **changes}.items() if v is not None}
-    inputs = InputMap.from_parameters(lines)
-    effectors = tuple(n[10:] for n in lines if n.startswith("effectors."))
-    given = {"effectors": effectors, "sample_rate": 100.0, "reference_speed": 18.0, **parameters}
-    configuration = Configuration().replace(given)
-    InputAdapter(inputs, configuration.states, configuration.effectors)
-    found = list(check_topics(inputs, TOPICS))
-    collector = Collector(inputs)
-    for message in sent or messages():
-        changed = change(copy.deepcopy(message))
-        if changed is not None and TOPICS.get(changed[1]) == inputs_type(inputs, changed[1]):
-            collector.take(changed[1], changed[0], Fields(changed[3]))
-    missing = {f.where for f in found}
-    return [*found, *(f for f in findings_of(collector.record(), configuration) if f.where not in missing)]
-
-
-def inputs_type(inputs: InputMap, topic: str) -> str | None:
-    return next((t.msgtype for t in inputs.topics.values() if t.topic == topic), None)
-
-
-def of(topic: str, *path: str) -> Callable[[Callable[[Any], Any]], Callable[[Message], Message]]:
-    """Return what changes a field of the messages of a topic."""
-
-    def with_function(function: Callable[[Any], Any]) -> Callable[[Message], Message]:
-        def change(message: Message) -> Message:
-            if message[1] == topic:
-                owner = message[3]
-                for name in path[:-1]:
-                    owner = owner[name]
-                owner[path[-1]] = function(owner[path[-1]])
-            return message
-
-        return change
-
-    return with_function
-
-
-def vector(function: Callable[[float], float]) -> Callable[[dict[str, float]], dict[str, float]]:
-    return lambda v: {k: function(x) for k, x in v.items()}
-
-
-def later(seconds: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    """Return what moves a stamp."""
-
-    def change(head: dict[str, Any]) -> dict[str, Any]:
-        stamp = head["stamp"]["sec"] * 10**9 + head["stamp"]["nanosec"] + round(seconds * 1e9)
-        return made.header(stamp)
-
-    return change
+PULSES = {"topics.servos": "/rc/out mavros_msgs/msg/RCOut", "topics.joints": None}
 
 
 def no_gravity(message: Message) -> Message:
@@ -169,23 +53,10 @@ def every(topic: str, number: int) -> Callable[[Message], Message | None]:
     return change
 
 
-PULSES = {"topics.servos": "/rc/out mavros_msgs/msg/RCOut", "topics.joints": None}
-
-
 def channels(*numbers: int, more: str = "zero=1500 scale=0.00109") -> dict[str, Any]:
     names = ("de", "da", "dr")
     lines = {f"effectors.{n}": f"servos channels[{i}] {more}" for n, i in zip(names, numbers, strict=True)}
     return {**PULSES, **lines}
-
-
-TO_AIR = {"topics.air": f"/air {AIR}"}
-VANES: dict[str, Any] = {
-    **TO_AIR, "velocity": None, "airspeed": "air tas", "alpha": "air alpha", "beta": "air beta", "vane_position": ARM,
-}  # fmt: skip
-OVER_GROUND: dict[str, Any] = {**TO_AIR, "velocity": "air vn,ve,vd frame=ned", "wind": "air north,east"}
-EULER: dict[str, Any] = {
-    **TO_AIR, "attitude": None, "states.Phi": "air roll", "states.Theta": "air pitch", "states.Psi": "air yaw",
-}  # fmt: skip
 
 
 def joints(*names: str, more: str = "") -> dict[str, str]:
@@ -194,8 +65,6 @@ def joints(*names: str, more: str = "") -> dict[str, str]:
     }
 
 
-RATES, FORCE = ("/imu/data", "angular_velocity"), ("/imu/data", "linear_acceleration")
-VELOCITY, ATTITUDE = ("/odom", "twist", "twist", "linear"), ("/odom", "pose", "pose", "orientation")
 WAYS: dict[str, tuple[Callable[[], list[Finding]], str]] = {
     "topic misspelt": (lambda: look({"topics.imu": "/imu/dta sensor_msgs/msg/Imu"}), "did you mean '/imu/data'"),
     "wrong type": (lambda: look({"topics.imu": "/imu/data nav_msgs/msg/Odometry"}), "has type sensor_msgs/msg/Imu"),
@@ -393,173 +262,3 @@ def test_a_right_map_has_notes_only(lines: dict[str, Any]) -> None:
     found = look(lines)
     assert [f for f in found if f.level != NOTE] == []
     assert any("agree with the motion" in f.what for f in found)
-
-
-def with_noise() -> Callable[[Message], Message]:
-    """Return what adds the noise of real sensors to messages."""
-    random = np.random.default_rng(3)
-
-    def noisy(message: Message) -> Message:
-        for path, size in ((RATES, 0.02), (FORCE, 0.5), (VELOCITY, 0.15)):
-            message = of(*path)(vector(lambda x, size=size: x + size * random.standard_normal()))(message)  # type: ignore[misc]
-        for name, size in (("tas", 0.3), ("alpha", 0.01), ("beta", 0.01), ("vn", 0.15), ("ve", 0.15), ("vd", 0.15)):
-            message = of("/air", name)(lambda x, size=size: x + size * random.standard_normal())(message)  # type: ignore[misc]
-        return message
-
-    return noisy
-
-
-@pytest.mark.parametrize("lines", [{}, VANES, OVER_GROUND, EULER])
-def test_noise_of_real_sensors_is_no_finding(lines: dict[str, Any]) -> None:
-    assert [f for f in look(lines, with_noise()) if f.level == WRONG] == []
-
-
-@pytest.mark.parametrize("side", [1.0, 0.1, 0.0])
-@pytest.mark.parametrize("noise", [False, True])
-def test_gravity_that_turns_with_a_banking_aircraft_is_no_side_force(side: float, noise: bool) -> None:
-    """An aircraft without a fin, whose accelerometer feels hardly anything to the side, banks all the same."""
-    flight = banking(side)
-    assert np.ptp(flight.x[:, 6]) > 1.0
-    change = with_noise() if noise else lambda message: message
-    assert [f for f in look({}, change, messages_of(flight)) if f.kind == "motion" and f.level != NOTE] == []
-
-
-def test_a_side_force_of_the_wrong_sign_is_found_in_banks_too() -> None:
-    wrong = {"specific_force": "imu linear_acceleration frame=flu scale=1,-1,1"}
-    found = [f for f in look(wrong, sent=messages_of(banking(1.0))) if f.kind == "motion"]
-    assert [f.level for f in found] == [WRONG] and "scale=1,-1,1" in found[0].change
-
-
-def test_the_speed_of_flight_is_that_in_the_air_where_a_log_begins_and_ends_at_rest() -> None:
-    flown = np.random.default_rng(0).normal(20.0, 1.0, (300, 1))
-    log = np.vstack([np.zeros((500, 1)), np.linspace(0.0, 20.0, 50)[:, None], flown, np.zeros((400, 1))])
-    assert speed_of_flight(log) == pytest.approx(20.0, abs=0.5)
-    assert speed_of_flight(np.hstack([log, 0.0 * log, 0.0 * log])) == pytest.approx(20.0, abs=0.5)
-
-
-def recorded(flight: Flight, noise: float = 0.0, behind: int = 0, **changes: str | None) -> list[Finding]:
-    """Inspect a flight of one topic: attitude and rates with noise [rad, rad/s], surfaces of so many samples ago."""
-    random = np.random.default_rng(5)
-    n = len(flight.x) - behind
-    angles, rates = (flight.x[behind:, c] + noise * random.standard_normal((n, 3)) for c in (slice(6, 9), slice(3, 6)))
-    names = ("attitude", "rates", "velocity", "force")
-    columns = [
-        np.array([made.quaternion(made.rotation(a)) for a in angles]), rates, flight.x[behind:, :3],
-        np.array([flight.force(k + behind) for k in range(n)]),
-    ]  # fmt: skip
-    lines: dict[str, str | None] = {
-        "topics.log": "/log my/Log",
-        "clock": "log",
-        "attitude": "log attitude frame=frd/ned",
-    }
-    lines.update(
-        {"velocity": "log velocity", "angular_velocity": "log rates", "specific_force": "log force", **changes}
-    )
-    lines.update({f"effectors.{e}": f"log surfaces[{j}]" for j, e in enumerate(flight.effectors)})
-    collector = Collector(InputMap.from_parameters({k: v for k, v in lines.items() if v is not None}))
-    for k in range(n):
-        values = {name: column[k].tolist() for name, column in zip(names, columns, strict=True)}
-        stamp = made.header(flight.stamp(k))
-        collector.take(
-            "/log", flight.stamp(k), Fields({"header": stamp, **values, "surfaces": flight.delta[k].tolist()})
-        )
-    states = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")[0 if lines["velocity"] else 3 :]
-    given = {"states": states, "effectors": flight.effectors, "sample_rate": 100.0, "reference_speed": 18.0}
-    return findings_of(collector.record(), Configuration().replace(given))
-
-
-@cache
-def fed_back() -> Flight:
-    """Return a flight of a wing with two elevons, roll damping 20 1/s, whose law feeds bank, pitch and rates back."""
-    n, step, parts = 3000, 0.01, 5
-    random = np.random.default_rng(2)
-    x, states, rates, delta = made.TRIM.copy(), np.empty((n, 9)), np.empty((n, 9)), np.empty((n, 2))
-    rest = -made.rotation(made.TRIM[6:]).T @ np.array([0.0, 0.0, made.GRAVITY])
-    moments = np.array([[0, -2.0, 0, -20.0, 0, 3.0], [0, 0, -4.0, 0, -4.0, 0], [0, 0.6, 0, -0.3, 0, -0.6]])
-    wanted = np.repeat(random.uniform(-1.0, 1.0, (n // 60, 2)), 60, axis=0) * [0.5, 0.1]
-    servo = np.zeros(2)
-    for k in range(n):
-        for part in range(parts):
-            off = x - made.TRIM
-            roll = 0.06 * (4.0 * (wanted[k, 0] - x[6]) - x[3])
-            pitch = 0.12 * (3.5 * (wanted[k, 1] - off[7]) - x[4])
-            turn = x[4] * math.sin(x[6]) + x[5] * math.cos(x[6])
-            euler = [x[3] + math.tan(x[7]) * turn, x[4] * math.cos(x[6]) - x[5] * math.sin(x[6]), turn / math.cos(x[7])]
-            force = rest + np.diag([-0.1, -0.5, -5.0]) @ off[:3] + [0.0, 0.0, -8.0 * servo.sum()]
-            down = made.rotation(x[6:]).T @ np.array([0.0, 0.0, made.GRAVITY])
-            effect = [90.0 * (servo[0] - servo[1]), -50.0 * servo.sum(), 0.0]
-            slope = np.concatenate([force + down - np.cross(x[3:6], x[:3]), moments @ off[:6] + effect, euler])
-            if part == 0:
-                states[k], rates[k], delta[k] = x, slope, servo
-            x = x + step / parts * slope
-            servo = servo + step / parts * 25.0 * (np.array([roll - pitch, -roll - pitch]) - servo)
-    return Flight(effectors=("left", "right"), x=states, xdot=rates, delta=delta)
-
-
-def delays(found: list[Finding]) -> list[Finding]:
-    return [f for f in found if f.kind == "delay" and f.level != NOTE]
-
-
-def test_damping_and_a_law_that_feeds_back_are_no_delay() -> None:
-    assert delays(recorded(fed_back())) == []
-    assert delays(recorded(fed_back(), noise=0.002)) == []
-
-
-@pytest.mark.parametrize("noise", [0.0, 0.002])
-def test_surfaces_that_are_really_late_are_found_in_that_flight(noise: float) -> None:
-    found = delays(recorded(fed_back(), noise, behind=10))
-    assert [f.level for f in found] == [WRONG] and re.search(r"larger by 0\.(09|10)", found[0].change), found
-
-
-def test_without_a_velocity_no_change_of_a_delay_is_advised() -> None:
-    found = [f for f in recorded(fed_back(), velocity=None, specific_force=None) if f.kind == "delay"]
-    assert [(f.level, f.change) for f in found] == [(NOTE, "")]
-
-
-@pytest.mark.parametrize("noise", [0.006, 0.015])
-def test_noise_of_attitude_and_rates_is_no_wrong_frame(noise: float) -> None:
-    found = recorded(banking(1.0), noise)
-    assert [f for f in found if f.kind == "motion" and f.level != NOTE] == []
-
-
-@pytest.mark.parametrize("signs", ["-1,1,1", "1,-1,1", "1,1,-1"])
-def test_a_wrong_sign_of_a_rate_is_found_in_that_noise(signs: str) -> None:
-    found = recorded(banking(1.0), 0.006, angular_velocity=f"log rates scale={signs}")
-    assert [f.level for f in found if f.kind == "motion"] == [WRONG], found
-
-
-TIME = 0.01 * np.arange(3000)
-STEPS = np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])[
-    np.searchsorted([2.0, 5.0, 7.0, 8.0, 9.0], TIME % 15.0, side="right")
-]
-
-
-def through_servo(values: Any, rate: float = 25.0) -> Any:
-    """Return what a servo of first order [1/s] makes of a command at `RATE`."""
-    out, keep = np.array(values), math.exp(-0.01 * rate)
-    for k in range(1, len(out)):
-        out[k] = keep * out[k - 1] + (1.0 - keep) * values[k - 1]
-    return out
-
-
-BINARY = np.repeat(np.random.default_rng(4).choice([-1.0, 1.0], 100), 30)
-STICK = np.sin(0.8 * np.pi * TIME)
-RESTED = np.where(TIME < 8.0, 0.0, np.clip(2.0 * STICK, -1.0, 1.0))
-
-
-def saturations(command: Any) -> list[str]:
-    """Inspect a flight with this elevator, one at most; return what is said of saturation."""
-    flight = replace(fed_back(), delta=np.column_stack([0.1 * command, fed_back().delta[:, 1]]))
-    return [f.what for f in recorded(flight) if f.kind == "saturation"]
-
-
-@pytest.mark.parametrize("command", [STEPS, through_servo(STEPS), np.rint(500.0 * through_servo(STEPS)), BINARY])
-def test_a_deflection_that_rests_at_the_levels_of_an_input_is_not_saturated(command: Any) -> None:
-    assert saturations(command / np.abs(command).max()) == []
-
-
-@pytest.mark.parametrize(
-    "command", [np.clip(1.2 * STICK, -1.0, 1.0), np.clip(4.0 * STICK, -1.0, 1.0), RESTED, np.minimum(STICK, 0.5)]
-)
-def test_a_command_that_goes_beyond_a_limit_is_saturated(command: Any) -> None:
-    assert saturations(command)
