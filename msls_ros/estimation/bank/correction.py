@@ -39,8 +39,9 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.answers import MEDIAN
 from msls_ros.estimation.bank.attenuation import ATTENUATED, NOTICED, noise_in, turned_part
-from msls_ros.estimation.bank.effector_noise import MEDIAN, entering_part
+from msls_ros.estimation.bank.effector_noise import entering_part
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.compiled import compiled

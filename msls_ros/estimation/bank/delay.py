@@ -49,6 +49,7 @@ from __future__ import annotations
 from msls_ros.estimation.bank.lags import (
     APART,
     KEEP,
+    MOMENTS,
     factorise,
     known_effect,
     shift_estimates,
@@ -71,8 +72,6 @@ DIFFER = 0.05
 Measured on beds with dither and delays of 0, 7, 14 and 22 ms: rows of angular accelerations differ by .1 to .6 ms, all
 of them are up to 1.8 ms off by the linear interpolation, and 2 ms where 22 ms are more than l.
 """
-MOMENTS = 0
-"""Kind of the rows of angular rates; that of all others is 1."""
 KNOWN = 0.5
 """Relative error of the variance of the noise in deflections; it is the same in all of the sums that are added up [1].
 
@@ -127,15 +126,16 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         for k in range(x.deflections.shape[0]):
             x.deflections[k, j] = now
             x.white_past[k, j] = now
+        x.whites[:, j] = 0.0
         for k in range(count):
             x.steps[j, k] = 0.0
         for q in range(x.answer.shape[0]):
             x.answer[q, j] = 0.0
             x.cross[q, j] = 0.0
-            x.white_cross[q, j] = 0.0
+            x.white_cross[q, j, :] = 0.0
             x.white_power[q, j] = 0.0
             x.white_answered[q, j] = 0.0
-            x.rest_cross[q, j] = 0.0
+            x.rest_cross[q, j, :] = 0.0
             x.rest_power[q, j] = 0.0
 
 

@@ -52,10 +52,11 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.answers import observe_answer
 from msls_ros.estimation.bank.attenuation import doubt
 from msls_ros.estimation.bank.delay import deflection_of
 from msls_ros.estimation.bank.drag import drag_square
-from msls_ros.estimation.bank.effector_noise import observe_answer, observe_entry, rounding_noise
+from msls_ros.estimation.bank.effector_noise import observe_entry, rounding_noise
 from msls_ros.estimation.bank.energy import FIRST, observe_novelty
 from msls_ros.estimation.bank.fed_noise import observe_followers
 from msls_ros.estimation.bank.loop_settings import BankSettings
@@ -208,7 +209,9 @@ def detect_change(
     surprise = smaller / expected
     signed = (sharp if square < error * error else error) / math.sqrt(expected)
     moved, unknown = moved_square(s, x, q), unknown_square(s, x, q, phi)
-    moved += rounding_square(s, x, q) + timing_square(s, x, q)
+    timing = timing_square(s, x, q)
+    moved += rounding_square(s, x, q) + max(timing, x.timing[q])
+    x.timing[q] = timing
     excused = moved + drag_square(s, x) if q == s.axial else moved
     statistic = alone = 0.0
     if x.counted[q] >= x.ring.shape[1] and x.base[q, 1] >= s.rest:
@@ -284,7 +287,8 @@ def timing_square(s: BankSettings, x: BankState, q: int) -> float:
     """Squared error that row q may have because it is not known when between two samples a deflection moved.
 
     Of a step at any time of a sample that acts a part p of one late, all or nothing has acted, and p of it is reckoned
-    with: ``p (1-p)`` of its square, and as much more as p is not known. Windows smooth steps.
+    with: ``p (1-p)`` of its square, and as much more as p is not known. What a short memory has learnt from it shows in
+    the sample after it. Windows smooth steps.
     """
     if s.straddle > 0:
         return 0.0

@@ -9,21 +9,16 @@ that noise can be::
 
     d = (u_k - 3 u_(k-1) + 3 u_(k-2) - u_(k-3)) / sqrt 20,      sigma^2 <= median d^2 / .455
 
-It is that while no output answers: the sum over seconds of second differences times what a row's output does by the
-effector and beyond the model, in their middle, is within `ANSWERED`; nothing from twice that on. What an output
-answers, as dither, is motion. (Second differences hold .8 of the noise in their middle and are in phase with what
-oscillates. Through windows they hold motion too; there it is third ones, and the output at their end, of rates alone:
-one step ahead a window leaves next to nothing of others. Edges, which hide for seconds what is noise, are left out;
-what an output does counts no more than three times what it usually does, for one step of it answered noise for 20 s.) A
-sensor's noise does not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
+It is that while no output answers (`bank.answers`); what an output answers, as dither, is motion. A sensor's noise does
+not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
 
 That memory of seconds is full of answers when an effector comes to rest, and for so long its noise passes for motion
 that has lost its effect. So in short blocks in which all that moves is white (no more than third differences hold) it
 is asked whether what was known of the effect answers::
 
-    ln(p(none)/p(theta)) = sum (1/2 a^2 P + a C) / (s^2 spread),     a = .8 theta
+    ln(p(none)/p(theta)) = sum (1/2 a^2 P + a C) / (s^2 spread),     a = -c_0 theta
 
-with the block's sums C of answers times second differences and P of their squares, over the rows whose effect is known.
+with the block's sums C = C_0 and P of the squares w^2 of `bank.answers`, over the rows whose effect is known.
 Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
 The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
 
@@ -48,6 +43,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.answers import ANSWERED, EDGE, MEDIAN, find_parts, median_of, square_of_answers
 from msls_ros.estimation.bank.lags import KEEP
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.speed import power_of, ratio_of
@@ -55,12 +51,6 @@ from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
-MEDIAN = 0.4549
-"""Median of the square of a standard normal variable."""
-PACE = 0.005
-"""By which share the median moves with a sample; faster in the first ones."""
-FIRST_PACE = 2.0
-"""That over the number of samples so far: with 1, one small first value is seen for 10 s at 25 Hz."""
 SMALLEST = 1e-12
 """Least median over the square of the bank's unit: deflections that are computed have no noise."""
 ROUNDING = 1.0 / 12.0
@@ -77,17 +67,11 @@ ALIKE_STEP = 1e-3
 """By which share of a step multiples may differ from it: records are in single precision, too [1]."""
 RESTING = 1e-9
 """By which share of its range a record may move, and rests: through windows it is a sum [1]."""
-FIRST_VALUES = 20
-"""Among so many values a median begins with the first that is not nothing: in steps, noise is that now and then."""
-EDGE = 9.0
-"""Squared standard deviations, as the median has them, beyond which a difference is an edge."""
 QUIET = 1.5
 """For so long no output may answer, for it to be noise from then on [s].
 
 60 made-up linear aircraft (as `benchmark linear`): wrong names 3 -> 0, false and late alarms 19 -> 11.
 """
-ANSWERED = 9.0
-"""Squared standard errors by which an output may go with the noise by chance, of several rows and seconds."""
 CALM = 2.0
 """Mean square of what is quick of a deflection, over the variance by third differences, up to which all of it is white.
 
@@ -95,8 +79,6 @@ An effector that moves has 10 to 100, dither behind an actuator of 20 rad/s 1 to
 """
 ALIKE = 4.0
 """By which factor white motion may differ in square from what was answered before, and count as the same."""
-ANSWERING = 0.8
-"""Least share of its effect with which a second difference goes with what white motion does: 2/sqrt 6, for one."""
 KNOWN = 25.0
 """Squared standard errors by which an effect must differ from none, to be missed: as `bank.losses.KNOWN_WELL`."""
 DECIDED = 4.5
@@ -171,7 +153,7 @@ def rounding_noise(s: BankSettings, x: BankState, j: int) -> float:
 def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
     """Update the median squares of the effectors' third differences; phi (p,), constant first."""
     begun = x.samples[0] - x.deflections.shape[0] - s.straddle
-    for j in range(x.white.shape[0]):
+    for j in range(x.whites.shape[1]):
         i = s.effectors_from + 1 + j
         third = third_difference(s, x, x.deflections[:, j], phi[i])
         x.third_median[j] = median_of(x.third_median[j], third, SMALLEST * s.sigma[i] * s.sigma[i], begun)
@@ -181,7 +163,7 @@ def observe_deflections(s: BankSettings, x: BankState, phi: Array) -> None:
 def observe_whites(s: BankSettings, x: BankState, phi: Array) -> None:
     """Find what may be noise of the effectors in phi (p,), constant first, deflections taken back; 0: edges."""
     begun = x.samples[0] - x.white_past.shape[0] - s.straddle
-    for j in range(x.white.shape[0]):
+    for j in range(x.whites.shape[1]):
         i = s.effectors_from + 1 + j
         k = x.samples[0]
         second = (phi[i] - 2.0 * x.white_past[(k - 1) % 3, j] + x.white_past[(k - 2) % 3, j]) * s.second
@@ -190,19 +172,7 @@ def observe_whites(s: BankSettings, x: BankState, phi: Array) -> None:
         x.white_median[j] = median_of(x.white_median[j], white, SMALLEST * s.sigma[i] * s.sigma[i], begun)
         x.rest_energy[j] += x.quick[i] * x.quick[i]
         inside = begun >= 0 and white * white < EDGE * max(x.white_median[j] / MEDIAN, white_rounding(s, x, j))
-        x.white[j] = white if inside else 0.0
-
-
-@compiled
-def median_of(median: float, value: float, least: float, begun: int) -> float:
-    """Return the median square after so manieth a value; negative ones count for nothing."""
-    if begun < 0:
-        return median
-    square = value * value
-    if begun == 0 or (begun < FIRST_VALUES and median <= least):
-        return square
-    pace = 1.0 + max(PACE, FIRST_PACE / (begun + 1.0))
-    return max(median * pace if square > median else median / pace, least)
+        x.whites[k % x.whites.shape[0], j] = white if inside else 0.0
 
 
 @compiled
@@ -268,51 +238,17 @@ def entering_part(s: BankSettings, x: BankState, q: int, i: int, turned: float) 
 
 
 @compiled
-def observe_answer(s: BankSettings, x: BankState, q: int, phi: Array, y: float, expected: float) -> None:
-    """Update how row q's output y goes with what may be noise of the effectors (`observe_whites`).
-
-    It is what the output does beyond the estimates by the regressor phi (p,), constant first: what these make of the
-    noise in an effector is in both, and is none of what the output does. They are those from before all samples of the
-    difference: those of now go with it, for members of a short memory have learnt from the noise in it. ``expected`` is
-    by what the square of the error is larger than that of the residual, for the estimates are not known yet. What is
-    usual goes up and down by a half with a sample: it follows dither that begins, and no single step.
-    """
-    first = s.effectors_from + 1
-    theta = x.mixed[q]
-    back = 1 + (x.deflections.shape[0] + s.straddle) // s.stride
-    if x.learning[0] == 0 and x.kept[0] - x.kept[1] > back:
-        theta = x.kept_theta[(x.kept[0] - 1 - back) % x.kept_theta.shape[0], q]
-    error = y
-    for i in range(phi.shape[0]):
-        error -= theta[i] * phi[i]
-    residual = x.residual[q, 0] / x.residual[q, 1] if x.residual[q, 1] > 0.0 else 0.0
-    for j in range(x.white.shape[0]):
-        answer = error + theta[first + j] * (phi[first + j] - x.quick_mean[first + j])
-        last, x.white_answer[q, j] = x.white_answer[q, j], answer
-        used = answer if s.straddle > 0 else last
-        usual = median_of(x.white_answered[q, j], used / math.sqrt(expected), MEDIAN * residual, 3)
-        x.white_answered[q, j] = usual
-        most = math.sqrt(EDGE / MEDIAN * usual * expected)
-        used = min(max(used, -most), most)
-        white = x.white[j] / expected
-        x.white_cross[q, j] = s.colour_forgetting * x.white_cross[q, j] + used * white
-        x.white_power[q, j] = s.colour_forgetting * x.white_power[q, j] + x.white[j] * white
-        x.rest_cross[q, j] += used * white
-        x.rest_power[q, j] += x.white[j] * white
-
-
-@compiled
 def observe_rest(s: BankSettings, x: BankState) -> None:
     """Ask of each effector, once in `BankSettings.rest_block` samples, whether it rests; see the module."""
     block = x.samples[0] // s.rest_block
     if block == x.rest[0]:
         return
     x.rest[0] = block
-    for j in range(x.white.shape[0]):
+    for j in range(x.whites.shape[1]):
         judge_rest(s, x, j)
         x.rest_energy[j] = 0.0
         for q in range(x.rest_cross.shape[0]):
-            x.rest_cross[q, j] = 0.0
+            x.rest_cross[q, j, :] = 0.0
             x.rest_power[q, j] = 0.0
 
 
@@ -334,7 +270,8 @@ def judge_rest(s: BankSettings, x: BankState, j: int) -> None:
     elif x.rest_evidence[0, j] >= DECIDED and not (now < ALIKE * dithered and dithered < ALIKE * now):
         x.third_floor[j] = now
         for q in range(0 if rested else x.rest_cross.shape[0]):
-            x.white_cross[q, j] = x.rest_cross[q, j]
+            for m in range(x.white_cross.shape[2]):
+                x.white_cross[q, j, m] = x.rest_cross[q, j, m]
             x.white_power[q, j] = x.rest_power[q, j]
 
 
@@ -350,8 +287,8 @@ def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
         if KNOWN * x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i] > effect * effect:
             continue
         variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1]
-        answer = ANSWERING * effect
-        power, cross = x.rest_power[q, j], x.rest_cross[q, j]
+        answer = -x.white_parts[s.kind[q], s.late] * effect
+        power, cross = x.rest_power[q, j], x.rest_cross[q, j, s.late]
         one = (0.5 * answer * answer * power + answer * cross) / variance
         evidence += one if cross * cross < ANSWERED * variance * power else min(one, 0.0)
     return evidence
@@ -361,18 +298,20 @@ def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
 def find_noise(s: BankSettings, x: BankState) -> None:
     """Find the variance of the noise in the deflections, ``x.third_noise``: nothing where an output answers it."""
     observe_rest(s, x)
-    for j in range(x.white.shape[0]):
+    if s.straddle == 0:
+        find_parts(s, x)
+    for j in range(x.whites.shape[1]):
         most = 0.0
         for q in range(x.white_cross.shape[0]):
             if s.straddle > 0 and s.differenced[q] == 0:
                 continue
             if x.residual[q, 0] > 0.0 and x.white_power[q, j] > 0.0:
                 variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1] * x.white_power[q, j]
-                most = max(most, x.white_cross[q, j] * x.white_cross[q, j] / variance)
+                most = max(most, square_of_answers(s, x, q, j) / variance)
         found = most_noise(s, x, j)
-        noise = min(max(2.0 - most / ANSWERED, 0.0), 1.0)
+        noise = min(max(2.0 - most, 0.0), 1.0)
         x.third_noise[j] = max(noise * found, white_rounding(s, x, j))
-        x.unanswered[j] = x.unanswered[j] + KEEP * s.period if most < ANSWERED and s.straddle == 0 else 0.0
+        x.unanswered[j] = x.unanswered[j] + KEEP * s.period if most < 1.0 and s.straddle == 0 else 0.0
         if x.unanswered[j] > QUIET:
             x.third_floor[j] = found
 

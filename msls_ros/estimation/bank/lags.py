@@ -40,6 +40,8 @@ APART = 0.05
 """Least share of the motion that delays make that the regressors leave unexplained: below, none can be known."""
 BY_CHANCE = 4.0
 """Squared standard errors that a correlation may have by chance."""
+MOMENTS = 0
+"""Kind of the rows of angular rates; that of all others is 1."""
 KEEP = 4
 """Delays, and the best that is known, are looked for at every so manieth sample."""
 UNLIKE = 0.5

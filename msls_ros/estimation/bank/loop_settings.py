@@ -110,6 +110,8 @@ class BankSettings(NamedTuple):
     """Samples of which it is asked whether an output has answered an effector, see `bank.effector_noise`."""
     white_spread: float
     """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
+    answered: float
+    """Squared standard errors by which an output may go with them by chance, at all delays together [1]."""
     entry: float
     """Share that a sample forgets of how outputs go with the noise in the states, see `bank.effector_noise`."""
     slope_noise: float

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from msls_ros.estimation.bank.delay import MOMENTS
 from msls_ros.estimation.bank.forgetting import spread_loss
 from msls_ros.estimation.bank.isolation import UNCERTAIN, Losses
+from msls_ros.estimation.bank.lags import MOMENTS
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, combine_rows, compare_surfaces, is_known
 from msls_ros.estimation.bank.restoring import restore_effectors
@@ -269,10 +269,10 @@ class BankRegression:
         work.concerned[:] = 0
         work.concerned[list(rows)] = 1
         s = self.settings
-        compare_surfaces(s, x, 0, x.theta_before, x.square_before, KNOWN, False, work)
+        compare_surfaces(s, x, 0, x.theta_before, x.square_before, KNOWN, False, False, work)
         quick, chance = work.change.copy(), work.variance.copy()
         excess = float(
-            compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, False, work)
+            compare_surfaces(s, x, len(s.loss_members) - 1, x.theta_before, x.square_before, KNOWN, False, False, work)
         )
         apart = np.maximum(np.square(work.change - quick) - chance, 0.0)  # none where the quick one knows nothing
         for k in range(len(work.change)):

@@ -45,9 +45,9 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.delay import MOMENTS
-from msls_ros.estimation.bank.effector_noise import MEDIAN, median_of, most_noise, third_difference
-from msls_ros.estimation.bank.lags import APART, REDUNDANT, factorise, solve_backward, solve_forward
+from msls_ros.estimation.bank.answers import MEDIAN, median_of
+from msls_ros.estimation.bank.effector_noise import most_noise, third_difference
+from msls_ros.estimation.bank.lags import APART, MOMENTS, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.residual import autocorrelation
 from msls_ros.estimation.bank.state import BankState

@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.bank.answers import ANSWERED
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import LONGEST
 from msls_ros.estimation.bank.losses import EVERY
@@ -378,6 +379,7 @@ def _noise(period: float, straddle: int) -> dict[str, Any]:
         third=third,
         second=second,
         white_spread=white_spread,
+        answered=_answered(1 if straddle > 0 else 2 * max(1, round(LATE / period)) + 1),
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
         rest_block=max(round(RESTS / period), FEWEST_RESTING),
@@ -464,6 +466,15 @@ def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
     third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))
     return third, second, spread, over_slope
+
+
+def _answered(number: int) -> float:
+    """Return the quantile of chi square of so many degrees that is `ANSWERED` of one (Wilson and Hilferty)."""
+    if number == 1:
+        return ANSWERED
+    part = 2.0 / (9.0 * number)
+    cube = 1.0 - part + math.sqrt(ANSWERED * part)
+    return number * cube * cube * cube
 
 
 def _unlike(straddle: int, lag: int) -> float:

@@ -152,6 +152,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
     """Allocate noise in deflections, states and outputs, and what it takes from estimates."""
     p = s.prior.shape[0]
     effectors = s.effectors_to - s.effectors_from
+    lags = 2 * s.late + 1 if s.straddle == 0 else 1
     return dict(
         deflections=np.zeros((3, effectors)),
         quantum=np.zeros((6, effectors)),
@@ -159,15 +160,19 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         third_median=np.zeros(effectors),
         third_floor=np.zeros(effectors),
         white_past=np.zeros((3, effectors)),
-        white=np.zeros(effectors),
         white_median=np.zeros(effectors),
-        white_answer=np.zeros((rows, effectors)),
-        white_cross=np.zeros((rows, effectors)),
+        timing=np.zeros(rows),
+        white_errors=np.zeros((rows, lags)),
+        whites=np.zeros((s.late + 1, effectors)),
+        white_cross=np.zeros((rows, effectors, lags)),
+        white_factor=np.zeros((lags, lags)),
+        white_solved=np.zeros(lags),
+        white_parts=np.zeros((2, lags)),
         white_power=np.zeros((rows, effectors)),
         white_answered=np.zeros((rows, effectors)),
         past_outputs=np.zeros((max(s.straddle, 1), rows)),
         common=np.zeros((3, rows, effectors)),
-        rest_cross=np.zeros((rows, effectors)),
+        rest_cross=np.zeros((rows, effectors, lags)),
         rest_power=np.zeros((rows, effectors)),
         rest_energy=np.zeros(effectors),
         rest_evidence=np.zeros((2, effectors)),

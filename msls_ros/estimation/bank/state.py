@@ -210,22 +210,30 @@ class BankState(NamedTuple):
     """(c,) variance of the noise when no output had answered for a while; 0: never."""
     white_past: Array
     """(3, c) the last deflections taken back, a ring."""
-    white: Array
-    """(c,) their second differences, through a window third ones, of the size of their noise; 0 at edges."""
+    whites: Array
+    """(late + 1, c) the last second differences, through a window third ones, as large as noise; 0 at edges; a ring."""
     white_median: Array
     """(c,) median square of these, edges and all."""
-    white_answer: Array
-    """(r, c) what outputs did last by each effector and beyond the model."""
+    timing: Array
+    """(r,) squared error by timing in the last sample, see `bank.detection.timing_square`."""
+    white_errors: Array
+    """(r, lags) the last prediction errors, without a window, a ring."""
     white_cross: Array
-    """(r, c) weighted sums of that times these."""
+    """(r, c, lags) weighted sums of what outputs did by each delay, times these."""
+    white_factor: Array
+    """(lags, lags) lower factor of the autocorrelation of second differences of noise."""
+    white_solved: Array
+    """(lags,) scratch."""
+    white_parts: Array
+    """(2, lags) how much of these is in the noise itself, by kind and delay [1]."""
     white_power: Array
     """(r, c) of their squares."""
     white_answered: Array
-    """(r, c) median square of what outputs did, over what is expected of their errors."""
+    """(r, c) median square of what outputs did, without a window (r, 0) of the errors, over what is expected of it."""
     rest_cross: Array
-    """(r, c) sums of what outputs did times `white` in the present block of samples."""
+    """(r, c, lags) the same in the present block of samples."""
     rest_power: Array
-    """(r, c) of the squares of the latter."""
+    """(r, c) of their squares."""
     rest_energy: Array
     """(c,) of the squares of what is quick of the deflections."""
     rest_evidence: Array
