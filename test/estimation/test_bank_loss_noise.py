@@ -111,7 +111,9 @@ def test_what_is_held_and_what_swings_have_noise_of_their_own() -> None:
         engine = engine_of(fly(seed))
         s, x, work = engine.settings, engine.state, engine._work
         work.concerned[:] = 1
-        compare_surfaces(s, x, len(s.loss_members) - 1, TRUTH, 1e-12 * np.ones_like(TRUTH), KNOWN_WELL, False, work)
+        compare_surfaces(
+            s, x, len(s.loss_members) - 1, TRUTH, 1e-12 * np.ones_like(TRUTH), KNOWN_WELL, False, False, work
+        )
         for k in range(2):
             information = work.information[:, k]
             off[k].append(float(np.sum(work.against[:, k]) / math.sqrt(0.5 * np.sum(information))))

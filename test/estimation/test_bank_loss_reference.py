@@ -19,10 +19,12 @@ FIRST = 4
 """Of the effectors among the coefficients, constant first; before it are three states."""
 
 
-def prepared(square: Array, noise: float = 0.5) -> tuple[BankRegression, Array, Array, float]:
+def prepared(
+    square: Array, noise: float = 0.5, intervals: int = INTERVALS
+) -> tuple[BankRegression, Array, Array, float]:
     """Return an engine after both steps, the factor and the change before them, and the degrees taken."""
     random = np.random.default_rng(3)
-    engine = engine_of(Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), INTERVALS))
+    engine = engine_of(Identifier(from_mapping({**SMALL, "sample_rate": 1.0 / PERIOD}), intervals))
     work = engine._work
     p = len(work.w)
     factor, w = np.triu(random.normal(size=(p, p)) + 3.0 * np.eye(p)), random.normal(size=p)
@@ -31,7 +33,7 @@ def prepared(square: Array, noise: float = 0.5) -> tuple[BankRegression, Array, 
     whiten_directions(work)
     whiten(work)
     scale = work.whitening[1:]
-    taken = discount_reference(TRUTH, square, 0, noise, KNOWN_WELL, work)
+    taken = discount_reference(engine.settings, TRUTH, square, 0, noise, KNOWN_WELL, work)
     return engine, scale[:, None] * factor[1:, 1:], scale * w[1:], taken
 
 
@@ -68,6 +70,16 @@ def test_what_was_never_known_is_projected_out() -> None:
     assert taken == pytest.approx(2.0, abs=1e-6)
 
 
+def test_where_derivatives_are_measured_errors_of_states_alone_are_whitened() -> None:
+    square = np.full_like(TRUTH, 1e-12)
+    square[0, 2] = 0.09
+    _, _, alone, taken = prepared(square, intervals=0)
+    square[0, FIRST:] = math.inf
+    _, _, both, taken_with_effectors = prepared(square, intervals=0)
+    assert np.array_equal(alone, both)
+    assert taken == taken_with_effectors > 0.0
+
+
 def changed(effector: int, by: float, square: Array) -> tuple[int, float]:
     """Return which loss is seen, and by how many standard errors that of da.
 
@@ -78,8 +90,8 @@ def changed(effector: int, by: float, square: Array) -> tuple[int, float]:
     before = TRUTH.copy()
     before[0, FIRST + effector] += by
     work.concerned[:] = [1, 0, 0]
-    excess = compare_surfaces(s, x, len(s.loss_members) - 1, before, square, KNOWN_WELL, True, work)
-    return find_loss(work, excess, 4.0), float(work.deviation[0])
+    excess = compare_surfaces(s, x, len(s.loss_members) - 1, before, square, KNOWN_WELL, True, s.straddle > 0, work)
+    return find_loss(s, work, excess, 4.0), float(work.deviation[0])
 
 
 def test_an_effect_that_was_never_known_is_not_taken_for_a_loss_of_another() -> None:

@@ -17,7 +17,7 @@ from msls_ros.estimation.bank.losses import (
     KNOWN_WELL,
     TOLERANCE,
     compare_surfaces,
-    find_loss,
+    seen_loss,
 )
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.residual import residual_variance
@@ -137,8 +137,8 @@ def loss_of(engine: BankRegression, a: int) -> float:
         return 0.0
     slot = (x.kept[0] - 1 - back) % len(x.kept_theta)
     work.concerned[:] = 1
-    excess = compare_surfaces(s, x, a, x.kept_theta[slot], x.kept_square[slot], KNOWN_WELL, True, work)
-    return float(work.deviation[0]) if find_loss(work, excess, float(s.loss_limits[a, 0])) == 0 else 0.0
+    seen = seen_loss(s, x, a, x.kept_theta[slot], x.kept_square[slot], work)
+    return float(work.deviation[0]) if seen == 0 else 0.0
 
 
 def test_a_moment_from_nowhere_is_alarmed_at_once_where_noise_is_all_that_was_ever_seen() -> None:
@@ -253,7 +253,7 @@ def test_the_change_is_the_least_squares_one_in_its_direction() -> None:
     before = x.mixed.copy()
     before[row, column] *= 1.25
     work.concerned[:] = [1, 0, 0]
-    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, False, work)
+    compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, False, False, work)
     R = x.R[0, 1:, 1:, member]
     a = np.zeros(5)
     a[column - 1] = before[row, column]
@@ -274,9 +274,9 @@ def test_an_error_of_the_reference_is_an_error_of_what_is_left_in_proportion() -
         before = x.mixed.copy()
         before[row, column] *= part
         work.concerned[:] = [1, 0, 0]
-        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN, False, work)
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(relative * before), KNOWN, False, False, work)
         noise = 0.5 / work.information[0, 0] + TOLERANCE**2
         assert work.change[0] == pytest.approx(1.0 / part - 1.0, abs=0.1)
         assert math.sqrt(work.variance[0] - noise) == pytest.approx(relative * (1.0 + work.change[0]), rel=1e-9)
-        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(0.25 * before), KNOWN_WELL, True, work)
+        compare_surfaces(s, x, len(s.loss_members) - 1, before, np.square(0.25 * before), KNOWN_WELL, True, False, work)
         assert work.variance[0] == math.inf, "what is known to a quarter does not alarm"

@@ -13,8 +13,9 @@ corrected for autocorrelation, and of model error, `FLOOR`. Then::
 ``R'R D`` is what the member's residuals by the old estimates have in common with the regressors: the matched filter of
 the loss, all else being what it was. A loss is seen when, for a while, z exceeds its limit (for half as long, where z
 is larger still) and c is the loss of a good part, explains most of all that has changed (``sum D' R'R D / n``), and
-more than any other surface and than any single state would. Only what has a direction of its own alarms: model errors
-that no surface explains do not. What noise in the states makes of D, `bank.noise_moves` takes off first.
+more than any other surface, than any single state, and than the error of another effector's older effect would. Only
+what has a direction of its own alarms: model errors that no surface explains do not. What noise in the states makes of
+D, `bank.noise_moves` takes off first; errors of the older estimates `bank.loss_reference`.
 
 Several memories are looked at, each with its own limits (`bank.settings.LOSSES`): after a loss that only dither shows c
 grows as ``1 - exp(-t / memory)`` of it, so a short one says most of it soon, where there is little noise, and a long
@@ -138,8 +139,7 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
             continue
         slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
         before, square = x.kept_theta[slot], x.kept_square[slot]
-        excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, work)
-        k = find_loss(work, excess, s.loss_limits[a, 0])
+        k = seen_loss(s, x, a, before, square, work)
         if k < 0 or k != x.suspect[a]:
             x.run[a] = 0
         x.suspect[a] = k
@@ -159,7 +159,18 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
 
 
 @compiled
-def find_loss(work: BankWork, excess: float, limit: float) -> int:
+def seen_loss(s: BankSettings, x: BankState, a: int, before: Array, square: Array, work: BankWork) -> int:
+    """Return the surface whose loss is seen in member a now, by older estimates (r, p) with their squared errors."""
+    excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, s.straddle > 0, work)
+    k = find_loss(s, work, excess, s.loss_limits[a, 0])
+    if k >= 0 and s.straddle == 0:
+        excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, True, work)
+        k = find_loss(s, work, excess, s.loss_limits[a, 0])
+    return k
+
+
+@compiled
+def find_loss(s: BankSettings, work: BankWork, excess: float, limit: float) -> int:
     """Return the surface whose loss explains what changed, after `compare_surfaces`; negative: none does.
 
     Its effect must have changed by more than ``limit`` standard errors.
@@ -172,6 +183,9 @@ def find_loss(work: BankWork, excess: float, limit: float) -> int:
     for k in range(work.change.shape[0]):
         if k != best and work.explained[k] > second:
             second = work.explained[k]
+    for j in range(work.by_error.shape[0]):
+        if s.gains[best, j] == 0.0 and work.by_error[j] > second:
+            second = work.by_error[j]
     least = max(max(EXPLAINED * excess, second + APART), max(second / RIVAL, work.by_state[0]))
     if work.explained[best] <= least or work.deviation[best] <= limit:
         return -1
@@ -221,7 +235,15 @@ def model_error_of(x: BankState, q: int, a: int) -> float:
 
 @compiled
 def compare_surfaces(
-    s: BankSettings, x: BankState, a: int, before: Array, square: Array, known: float, scattered: bool, work: BankWork
+    s: BankSettings,
+    x: BankState,
+    a: int,
+    before: Array,
+    square: Array,
+    known: float,
+    scattered: bool,
+    discounted: bool,
+    work: BankWork,
 ) -> float:
     """Compare the estimates of a member with older ones, in the direction of every surface's loss.
 
@@ -236,8 +258,10 @@ def compare_surfaces(
     known
         Largest relative standard error of an effect that counts [1].
     scattered
-        Whether what no loss explains of a row's change counts as noise, where it is more; and, through a window, what
-        of it may be errors of effects that were not known; and whether drag says nothing (`bank.drag`).
+        Whether what no loss explains of a row's change counts as noise, where it is more; and drag says nothing
+        (`bank.drag`).
+    discounted
+        Whether what may be errors of effects that were not known is discounted (`bank.loss_reference`).
     work
         ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
@@ -264,7 +288,7 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
-            if s.straddle == 0:
+            if s.straddle == 0 and not discounted:
                 whiten_directions(work)
         for i in range(1, p):
             work.w[i] = 0.0
@@ -274,9 +298,11 @@ def compare_surfaces(
         taken = 0.0
         if s.straddle > 0:
             find_whitening(s, x, a, q, n, model_error_of(x, q, a), work)
-            whiten_directions(work)
             whiten(work)
-            taken = discount_reference(before, square, q, n, known, work) if scattered else 0.0
+        if s.straddle > 0 or discounted:
+            whiten_directions(work)
+        if discounted:
+            taken = discount_reference(s, before, square, q, n, known, work)
         project(work)
         changed = 0.0
         for i in range(1, p):
@@ -285,6 +311,8 @@ def compare_surfaces(
             n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted - taken, 1.0)))
         excess += changed / n - 0.5 * (p - 1 - taken)
         explain_by_states(s, n, work)
+        if discounted and s.straddle == 0:
+            explain_by_errors(s, n, square[q], work)
         for k in range(s.gains.shape[0]):
             if not (scattered and is_drag(s, x, q, k)):
                 compare_row(s, x, a, n, before, square, q, k, known, work)
@@ -307,6 +335,8 @@ def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
         work.explained[k] = 0.0
     for i in range(work.by_state.shape[0]):
         work.by_state[i] = 0.0
+    for j in range(work.by_error.shape[0]):
+        work.by_error[j] = 0.0
     for j in range(s.gains.shape[1]):
         work.resting[j] = resting_noise(s, x, j)
         work.slow[j] = slow_noise(s, x, j)
@@ -360,11 +390,27 @@ def explain_by_states(s: BankSettings, n: float, work: BankWork) -> None:
         column = work.white_columns[j]
         size = 0.0
         along = 0.0
-        for i in range(1, j + 1 if s.straddle == 0 else w.shape[0]):  # zeros follow
+        for i in range(1, w.shape[0]):
             size += column[i] * column[i]
             along += column[i] * w[i]
         if size > LEAST_LEFT * work.white_columns[j, 0]:
             work.by_state[j] = max(work.by_state[j], along * along / size / n)
+
+
+@compiled
+def explain_by_errors(s: BankSettings, n: float, square: Array, work: BankWork) -> None:
+    """Find what the error of one effector's older effect explains of ``work.w``, by its squared standard error (p,)."""
+    for j in range(work.by_error.shape[0]):
+        column = work.white_columns[s.effectors_from + 1 + j]
+        size = 0.0
+        along = 0.0
+        for i in range(1, work.w.shape[0]):
+            size += column[i] * column[i]
+            along += column[i] * work.w[i]
+        error = square[s.effectors_from + 1 + j]
+        if error > 0.0 and size > 0.0:
+            explained = along * along / (size + 0.5 * n / error) / n
+            work.by_error[j] = max(work.by_error[j], explained)
 
 
 @compiled

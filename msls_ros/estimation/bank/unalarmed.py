@@ -119,7 +119,7 @@ def is_denied(
             others += size
     if others <= alarmed:
         return False
-    compare_surfaces(s, x, QUICK, alarm.before, alarm.square, KNOWN_WELL, False, work)
+    compare_surfaces(s, x, QUICK, alarm.before, alarm.square, KNOWN_WELL, False, False, work)
     found, variance = float(work.change[surface]), float(work.variance[surface])
     weight = work.information[:, surface].copy()
     if not weight.any():

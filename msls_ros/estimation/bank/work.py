@@ -61,6 +61,8 @@ class BankWork(NamedTuple):
     """(k,) what it explains of what has changed."""
     by_state: Array
     """(p,) what a change of one state explains; the largest first."""
+    by_error: Array
+    """(c,) what the error of one effector's older effect explains, of a row."""
     against: Array
     """(r, k)"""
     information: Array
@@ -126,6 +128,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         deviation=np.zeros(k),
         explained=np.zeros(k),
         by_state=np.zeros(p),
+        by_error=np.zeros(s.gains.shape[1]),
         against=np.zeros((rows, k)),
         information=np.zeros((rows, k)),
         lone_against=np.zeros((rows, k)),
