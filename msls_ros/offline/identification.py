@@ -193,26 +193,44 @@ class _Flow:
         self._reasons: dict[str, str] = {}
         self._estimates: list[Estimate] = []
         self._samples = 0
+        self._last: tuple[float, Array] | None = None
 
     def note(self, refused: Refused) -> None:
         """Keep the first refusal of each reason."""
         self._reasons.setdefault(refused.reason, str(refused))
 
     def take(self, blocks: Iterable[PairedBlock], straddle: int) -> None:
-        """Identify from all samples."""
+        """Identify from all samples: the same estimates, however they are read."""
         identifier = Identifier(self._configuration, straddle)
-        time, x = 0.0, np.zeros(0)
+        waiting: list[PairedBlock] = []
         for block in blocks:
             if not len(block.stamps):
                 continue
             if block.restarted:
+                self._run(identifier, waiting)
                 identifier.reset()
-            stamps = np.multiply(block.stamps, 1e-9, dtype=np.float64)
-            self._estimates += identifier.run(stamps, block.x, block.xdot, block.delta, self._every).estimates
-            self._samples += len(stamps)
-            time, x = float(stamps[-1]), block.x[-1]
-        if self._samples and not (self._estimates and self._estimates[-1].time == time):
-            self._estimates.append(identifier.estimate(time, x))
+                waiting = []
+            waiting.append(block)
+            if sum(len(one.stamps) for one in waiting) >= self._every - identifier.samples % self._every:
+                waiting = self._run(identifier, waiting, self._every)
+        self._run(identifier, waiting)
+        if self._last is not None and not (self._estimates and self._estimates[-1].time == self._last[0]):
+            self._estimates.append(identifier.estimate(*self._last))
+
+    def _run(self, identifier: Identifier, blocks: list[PairedBlock], whole: int = 1) -> list[PairedBlock]:
+        """Take blocks up to a sample whose number is a multiple of ``whole``; return what is left of them."""
+        if not blocks:
+            return []
+        stamps = np.concatenate([block.stamps for block in blocks])
+        x, xdot, delta = (np.concatenate([getattr(one, name) for one in blocks]) for name in ("x", "xdot", "delta"))
+        end = len(stamps) - (identifier.samples + len(stamps)) % whole
+        time = np.multiply(stamps[:end], 1e-9, dtype=np.float64)
+        self._estimates += identifier.run(time, x[:end], xdot[:end], delta[:end], self._every).estimates
+        self._samples += end
+        self._last = float(time[-1]), x[end - 1]
+        left = slice(end, len(stamps))
+        rest = blocks[-1]._replace(restarted=False, stamps=stamps[left], x=x[left], xdot=xdot[left], delta=delta[left])
+        return [rest] if end < len(stamps) else []
 
     def result(self, name: str, topics: Sequence[str], findings: list[Finding], warnings: list[str]) -> Identified:
         """Return what came of it.

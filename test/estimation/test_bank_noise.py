@@ -398,9 +398,9 @@ def test_noise_that_is_taken_back_by_half_a_sample_is_none_that_is_answered() ->
     t: Array = 0.01 * np.arange(n, dtype=np.float64)
     delta = np.stack([0.05 * np.sin(2.0 * t) * np.sin(0.3 * t), 0.02 * np.sin(1.3 * t)], axis=1)
     effects = np.broadcast_to(EFFECTS, (n, 3, 2))
-    sampled = [part[::2] for part in linear(delta, 700, effects, (5e-4, 0.01, noise * math.sqrt(3.0)), late=1)]
+    x, xdot, read = linear(delta, 700, effects, (5e-4, 0.01, noise * math.sqrt(3.0)), late=1)
     identifier = Identifier(from_mapping({**SMALL, "sample_rate": 50.0}))
-    identifier.run(t[::2], *sampled)
+    identifier.run(t[::2], x[::2], xdot[::2], read[::2])
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
     assert engine.state.delay[0, 0] == pytest.approx(0.5, abs=0.15)
