@@ -7,10 +7,11 @@ does by them::
     C_l = sum (e_(k+l) w_k + c_l theta w_k^2) g_k,      z^2 = C' G^-1 C / (s^2 sum w^2 g)
 
 ``-theta n`` of the noise n is in e; c_l is as much of n_(k+l) as goes with w_k, so that C_l is none where nothing
-answers. G is the autocorrelation of w of noise: with it all delays count together, as chi square. Within three standard
-deviations all is noise, from twice that square on nothing (`bank.effector_noise.find_noise`). ``g`` is less where the
-error is usually larger than the residual s (generalised least squares): in manoeuvres model errors are. Deflections
-that are taken back by part of a sample are mixed of two of their values, and so are c_l and G (`find_parts`).
+answers. G is the autocorrelation of w of noise: with it all delays count together, as chi square; one alone is enough,
+too. Within three standard deviations all is noise, from twice that square on nothing
+(`bank.effector_noise.find_noise`). ``g`` is less where the error is usually larger than `UNUSUAL` times the residual s,
+squared (generalised least squares): in manoeuvres model errors are. Deflections that are taken back by part of a sample
+are mixed of two of their values, and so are c_l and G (`find_parts`).
 
 Why so: by the whole deflection an input, a thousand times the noise, went with it by chance, by 5,600 squared standard
 errors, and was remembered; errors are what inputs leave. At one time alone what is late by .6 of a sample is a quarter
@@ -48,7 +49,11 @@ FIRST_VALUES = 20
 EDGE = 9.0
 """Squared standard deviations, as the median has them, beyond which a difference is an edge."""
 UNUSUAL = 4.0
-"""From how many times the squared residual on an error is weighed less [1]."""
+"""From how many times the squared residual on an error is weighed less [1].
+
+Of 20 half stabilators of the F-16 at medium noise 14 are named with 4, none wrongly; with 2 11, one wrongly; with 1,
+and all delays together alone, 7, one wrongly. For the elevons of a flying wing that is better.
+"""
 ANSWERED = 9.0
 """Squared standard errors by which an output may go with the noise by chance, of several rows and seconds, at one time.
 
