@@ -125,6 +125,10 @@ class BankSettings(NamedTuple):
     responses: Integers
     """(a, 2) which lag, and blocks back, of the responses that are held against each other, that of a start first; the
     last ones, one for each lag but none, are its filter without its delay."""
+    pairs: Integers
+    """(i, 2) the pairs of lag, and blocks back (of those ahead), that these are made of."""
+    paired: Integers
+    """(a, 2) which of them each is made of: that of its delay, and that of a block more."""
     ahead: int
     """Blocks that those look into the future at most."""
     block_forgetting: float

@@ -195,7 +195,6 @@ def send(s: BankSettings, x: BankState, phi: Array, y: Array) -> None:
 @compiled
 def observe_block(s: BankSettings, x: BankState, number: int) -> None:
     """Update the sums of all responses with the means of a block; ``number`` of it, from 0 on."""
-    states = s.effectors_from
     count = x.lagged.shape[1]
     size = x.sent_quick.shape[1]
     start = max(1.0 / (number + 1.0), s.block_quick)
@@ -207,30 +206,54 @@ def observe_block(s: BankSettings, x: BankState, number: int) -> None:
     for i in range(x.block.shape[0]):
         x.response_mean[i] += start * (x.block[i] - x.response_mean[i])
         x.response_past[slot, i] = x.block[i] - x.response_mean[i]
-    quick = x.response_quick
     then = x.response_past[(number - min(s.ahead, number)) % size]
-    for i in range(states):
-        quick[i] = then[i]
-    for i in range(states, then.shape[0]):
-        quick[2 * count + i] = then[i]
-    x.response_samples[0] = s.block_forgetting * x.response_samples[0] + 1.0
-    for a in range(s.responses.shape[0]):
-        lag, back = s.responses[a, 0], s.ahead + s.responses[a, 1]
-        newer = x.sent_quick[lag, (number - min(back, number)) % size]
-        older = x.sent_quick[lag, (number - min(back + 1, number)) % size]
+    fade = s.block_forgetting
+    x.response_samples[0] = fade * x.response_samples[0] + 1.0
+    x.response_block[0] = number
+    for i in range(then.shape[0]):
+        add_times(x.response_sums[i], then, then[i], fade, i + 1)
+    for a in range(s.pairs.shape[0]):
+        moved = x.sent_quick[s.pairs[a, 0], (number - min(s.pairs[a, 1], number)) % size]
         for j in range(count):
-            quick[states + j] = newer[j]
-            quick[states + count + j] = older[j]
-        add_products(x.response_sums[a], quick, s.block_forgetting)
+            add_times(x.sent_sums[a, j], then, moved[j], fade, then.shape[0])
+    before = (number - 1) % size
+    for t in range(x.lagged.shape[0]):
+        for j in range(count):
+            one = x.sent_quick[t, slot, j]
+            for k in range(count):
+                now, old = x.sent_products[t, slot], x.sent_products[t, before]
+                now[0, j, k] = fade * old[0, j, k] + one * x.sent_quick[t, slot, k]
+                now[1, j, k] = fade * old[1, j, k] + one * x.sent_quick[t, before, k]
 
 
 @compiled
-def add_products(sums: Array, quick: Array, fade: float) -> None:
-    """``sums <- fade sums + quick quick'``, lower triangle: (n, n), (n,)."""
-    for i in range(quick.shape[0]):
-        one = quick[i]
-        for k in range(i + 1):
-            sums[i, k] = fade * sums[i, k] + one * quick[k]
+def add_times(sums: Array, signals: Array, factor: float, fade: float, number: int) -> None:
+    """``sums <- fade sums + factor signals``, so many of them: (n,) each."""
+    for i in range(number):
+        sums[i] = fade * sums[i] + factor * signals[i]
+
+
+@compiled
+def sent_with(s: BankSettings, x: BankState, a: int, older: int, j: int, i: int) -> float:
+    """Return the sum of products of effector j by response a, or (``older`` 1) a block before, with signal i.
+
+    Signals are the states and then the outputs.
+    """
+    return float(x.sent_sums[s.paired[a, older], j, i])
+
+
+@compiled
+def sent_by_sent(s: BankSettings, x: BankState, a: int, older: int, j: int, k: int) -> float:
+    """Return the same of effectors j and k, both by response a or both a block before."""
+    back = s.ahead + s.responses[a, 1] + older
+    return float(x.sent_products[s.responses[a, 0], (x.response_block[0] - back) % x.sent_products.shape[1], 0, j, k])
+
+
+@compiled
+def sent_by_older(s: BankSettings, x: BankState, a: int, j: int, k: int) -> float:
+    """Return the same of effector j by response a with effector k a block before."""
+    back = s.ahead + s.responses[a, 1]
+    return float(x.sent_products[s.responses[a, 0], (x.response_block[0] - back) % x.sent_products.shape[1], 1, j, k])
 
 
 @compiled
@@ -290,44 +313,37 @@ def shape_doubt(s: BankSettings, x: BankState) -> float:
 def summed(s: BankSettings, x: BankState, a: int, i: int, k: int, d: float) -> float:
     """Return the sum of products of what is regressed on: i and k < i or equal, of states and then effectors."""
     states = s.effectors_from
-    count = x.lagged.shape[1]
-    sums = x.response_sums[a]
     if i < states:
-        return float(sums[i, k])
+        return float(x.response_sums[i, k])
+    j, e = i - states, 1.0 - d
     if k < states:
-        return float((1.0 - d) * sums[i, k] + d * sums[i + count, k])
-    mixed = sums[i + count, k] + sums[k + count, i]
-    return float((1.0 - d) * (1.0 - d) * sums[i, k] + d * (1.0 - d) * mixed + d * d * sums[i + count, k + count])
+        return e * sent_with(s, x, a, 0, j, k) + d * sent_with(s, x, a, 1, j, k)
+    k -= states
+    mixed = sent_by_older(s, x, a, k, j) + sent_by_older(s, x, a, j, k)
+    return e * e * sent_by_sent(s, x, a, 0, j, k) + d * e * mixed + d * d * sent_by_sent(s, x, a, 1, j, k)
 
 
 @compiled
 def step_with(s: BankSettings, x: BankState, a: int, j: int, i: int, d: float) -> float:
     """Return the sum of products of effector j's step with what is regressed on, i as in `summed`."""
-    states = s.effectors_from
-    count = x.lagged.shape[1]
-    sums = x.response_sums[a]
-    new, old = states + j, states + count + j
-    if i < states:
-        return float(sums[old, i] - sums[new, i])
-    newer = sums[old, i] - sums[max(new, i), min(new, i)]
-    older = sums[max(old, i + count), min(old, i + count)] - sums[i + count, new]
-    return float((1.0 - d) * newer + d * older)
+    if i < s.effectors_from:
+        return sent_with(s, x, a, 1, j, i) - sent_with(s, x, a, 0, j, i)
+    k = i - s.effectors_from
+    newer = sent_by_older(s, x, a, k, j) - sent_by_sent(s, x, a, 0, j, k)
+    older = sent_by_sent(s, x, a, 1, j, k) - sent_by_older(s, x, a, j, k)
+    return (1.0 - d) * newer + d * older
 
 
 @compiled
 def find_steps(s: BankSettings, x: BankState, a: int, d: float) -> None:
     """Fill in ``x.response_steps`` and ``x.response_squares``: sums of products of steps with regressors and steps."""
-    states = s.effectors_from
     count = x.lagged.shape[1]
-    sums = x.response_sums[a]
     for j in range(count):
-        new, old = states + j, states + count + j
-        for i in range(states + count):
+        for i in range(s.effectors_from + count):
             x.response_steps[j, i + 1] = step_with(s, x, a, j, i, d)
         for k in range(count):
-            other = states + k
-            square = sums[max(old, other + count), min(old, other + count)] - sums[old, other]
-            x.response_squares[j, k] = square + sums[max(new, other), min(new, other)] - sums[other + count, new]
+            square = sent_by_sent(s, x, a, 1, j, k) - sent_by_older(s, x, a, k, j)
+            x.response_squares[j, k] = square + sent_by_sent(s, x, a, 0, j, k) - sent_by_older(s, x, a, j, k)
 
 
 @compiled
@@ -359,13 +375,13 @@ def turns_round(s: BankSettings, x: BankState, a: int, b: int) -> bool:
 
     Deflections of before stand in for a state that they have made and that is noisy itself: by what it does, contrary.
     """
-    states, last = s.effectors_from, s.effectors_from + 2 * x.response_effect.shape[2]
     total = 0.0
     for q in range(x.response_fit.shape[1]):
         if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) < ANSWERS:
             continue
         for j in range(x.response_effect.shape[2]):
-            moves = x.response_sums[b, states + j, states + j] / max(x.response_sums[b, last + q, last + q], TINY)
+            output = s.effectors_from + q
+            moves = sent_by_sent(s, x, b, 0, j, j) / max(x.response_sums[output, output], TINY)
             total += x.response_effect[a, q, j] * x.response_effect[b, q, j] * moves
     return bool(total < 0.0)
 
@@ -377,7 +393,7 @@ def seems_early(s: BankSettings, x: BankState, q: int) -> float:
     Least squares makes the effect of the state, ``theta``, smaller by the share of noise in it. That is missing of what
     has answered motion of frequency w: ``share theta / w^2`` sooner; what is quick begins at the mean's corner.
     """
-    square = x.response_sums[0, q, q]
+    square = x.response_sums[q, q]
     noise = x.response_samples[0] * x.state_median[q] / (MEDIAN * s.late)
     share = min(noise / square, 1.0) if square > 0.0 else 1.0
     memory = s.period / s.quick
@@ -393,9 +409,7 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
     states = s.effectors_from
     count = x.lagged.shape[1]
     p = states + count + 1
-    last = states + 2 * count
     rows = x.gate.shape[0]
-    sums = x.response_sums[a]
     d = x.response_part[a]
     for i in range(1, p):
         for k in range(1, i + 1):
@@ -421,7 +435,7 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
     x.response_part[a] = d + step
     for q in range(rows):
         left = x.response_row[q, 0] - step * (2.0 * x.response_row[q, 1] - step * x.response_row[q, 2])
-        left = max(left, REDUNDANT * sums[last + q, last + q])
+        left = max(left, REDUNDANT * x.response_sums[states + q, states + q])
         for i in range(x.response_fit.shape[2]):
             x.response_fit[a, q, i] = 0.0
         if left > 0.0:
@@ -454,14 +468,13 @@ def find_row(s: BankSettings, x: BankState, a: int, q: int, d: float, factor: Ar
     states = s.effectors_from
     count = x.lagged.shape[1]
     p = states + count + 1
-    sums = x.response_sums[a]
-    output = states + 2 * count + q
+    output = states + q
     w[0] = 0.0
     for i in range(states):
-        w[i + 1] = sums[output, i]
+        w[i + 1] = x.response_sums[output, i]
     for j in range(count):
-        w[states + 1 + j] = (1.0 - d) * sums[output, states + j] + d * sums[output, states + count + j]
-    left = sums[output, output] - solve_forward(factor, w, 0)
+        w[states + 1 + j] = (1.0 - d) * sent_with(s, x, a, 0, j, output) + d * sent_with(s, x, a, 1, j, output)
+    left = x.response_sums[output, output] - solve_forward(factor, w, 0)
     by_effectors = 0.0
     for i in range(states + 1, p):
         by_effectors += w[i] * w[i]
@@ -472,8 +485,7 @@ def find_row(s: BankSettings, x: BankState, a: int, q: int, d: float, factor: Ar
     product = 0.0
     for j in range(count):
         effect = w[states + 1 + j]
-        new, old = states + j, states + count + j
-        product += effect * (sums[output, old] - sums[output, new])
+        product += effect * (sent_with(s, x, a, 1, j, output) - sent_with(s, x, a, 0, j, output))
         for i in range(1, p):
             z[i] += effect * x.response_steps[j, i]
         for k in range(count):

@@ -390,21 +390,26 @@ def _responses(rows: int, period: float, straddle: int, differenced: Sequence[in
     """Return how late responses to deflections may be, and by what that is seen."""
     late = max(1, round(LATE / period))
     quick = (QUICK if straddle > 0 else max(QUICK, QUICK_SAMPLES * period)) + straddle * period
-    ahead = [max(1, round(lag / (late * period))) for lag in LAGS]
+    filters = [max(1, round(lag / (late * period))) for lag in LAGS]
+    ahead = max(EARLY, *filters)
+    responses = (
+        [(lag, back) for lag, number in enumerate(BACKS) for back in range(number)]
+        + [(0, -back) for back in range(1, 1 + EARLY)]
+        + [(lag, -1) for lag in EARLY_LAGS]
+        + [(1 + number, -back) for number, back in enumerate(filters)]
+    )
+    made_of = [((lag, ahead + back), (lag, ahead + back + 1)) for lag, back in responses]
+    pairs = sorted({pair for two in made_of for pair in two})
     return dict(
         kind=np.array([int(len(differenced) > 0 and row not in differenced) for row in range(rows)], np.int64),
         quick=min(period / quick, 1.0),
         late=late,
         lags=np.array([(0.0, 0.0, 1.0), *(_lag(lag, period) for lag in LAGS)]),
-        responses=np.array(
-            [(lag, back) for lag, number in enumerate(BACKS) for back in range(number)]
-            + [(0, -back) for back in range(1, 1 + EARLY)]
-            + [(lag, -1) for lag in EARLY_LAGS]
-            + [(1 + number, -back) for number, back in enumerate(ahead)],
-            np.int64,
-        ),
+        responses=np.array(responses, np.int64),
+        pairs=np.array(pairs, np.int64),
+        paired=np.array([[pairs.index(pair) for pair in two] for two in made_of], np.int64),
         lag_times=np.array([0.0, *LAGS]),
-        ahead=max(EARLY, *ahead),
+        ahead=ahead,
         block_forgetting=math.exp(-late * period / COLOUR_MEMORY),
         block_quick=min(late * period / quick, 1.0),
         latest=max(1, round(LATEST / period)),

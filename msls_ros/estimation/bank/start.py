@@ -100,7 +100,7 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
     effectors = s.effectors_to - s.effectors_from
     others = len(s.responses) - len(s.lags) + 1
     early = int(-s.responses[:others, 1].min())
-    back, quick = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + 2 * effectors + rows
+    back, signals = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + rows
     return dict(
         quick=np.zeros(p),
         quick_past=np.zeros((s.late, effectors)),
@@ -121,9 +121,11 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         held=np.zeros((early * s.late + 1, s.effectors_from + rows)),
         response_mean=np.zeros(s.effectors_from + rows),
         response_past=np.zeros((back, s.effectors_from + rows)),
-        response_quick=np.zeros(quick),
-        response_sums=np.zeros((len(s.responses), quick, quick)),
+        response_sums=np.zeros((signals, signals)),
+        sent_sums=np.zeros((len(s.pairs), effectors, signals)),
+        sent_products=np.zeros((len(s.lags), back, 2, effectors, effectors)),
         response_samples=np.zeros(1),
+        response_block=np.zeros(1, np.int64),
         response_part=np.zeros(len(s.responses)),
         response_evidence=np.zeros(len(s.responses)),
         response_doubt=np.zeros(1),

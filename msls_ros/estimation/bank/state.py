@@ -147,12 +147,16 @@ class BankState(NamedTuple):
     """(t + r,) the same of states and outputs."""
     response_past: Array
     """(b, t + r)"""
-    response_quick: Array
-    """(t + 2 c + r,) quick states, deflections of a response and those of l samples before, outputs."""
     response_sums: Array
-    """(a, n, n) weighted sums of products of these, lower triangles."""
+    """(t + r, t + r) weighted sums of products of quick states and outputs, lower triangle."""
+    sent_sums: Array
+    """(i, c, t + r) the same of deflections, each pair of `BankSettings.pairs`, with them."""
+    sent_products: Array
+    """(l, b, 2, c, c) of deflections with each other, and with those of a block before: as they were, a ring."""
     response_samples: Array
     """(1,) weighted number of samples in them."""
+    response_block: Integers
+    """(1,) the last block in them, from 0 on."""
     response_part: Array
     """(a,) part of l by which each response is late besides."""
     response_evidence: Array
