@@ -66,6 +66,8 @@ LIMIT = 4.0
 """Standard errors at which what is published of a loss reaches the detector's threshold."""
 EVERY = 2
 """It is tested at every so manieth sample."""
+CALM = 0.5
+"""Share of its limit below which a member's next test is left out [1]."""
 LEAST, MOST = 0.25, 1.3
 """What a loss takes away at least to be seen, and can at most, of the effect [1]."""
 TOLERANCE = 0.05
@@ -135,7 +137,8 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
         work.concerned[q] = 1 if x.waiting[x.group[q]] == 0 else 0
     for a in range(s.loss_members.shape[0]):
         back = s.loss_delays[a]
-        if x.kept[0] - x.kept[1] <= back:
+        if x.kept[0] - x.kept[1] <= back or x.calm[a] != 0:
+            x.calm[a] = 0
             continue
         slot = (x.kept[0] - 1 - back) % x.kept_theta.shape[0]
         before, square = x.kept_theta[slot], x.kept_square[slot]
@@ -143,6 +146,7 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
         if k < 0 or k != x.suspect[a]:
             x.run[a] = 0
         x.suspect[a] = k
+        x.calm[a] = 1 if k < 0 and not stirs(work, CALM * s.loss_limits[a, 0]) else 0
         x.run[a, 0] += 1 if k >= 0 else 0
         x.run[a, 1] = x.run[a, 1] + 1 if k >= 0 and work.deviation[k] > s.loss_limits[a, 1] else 0
         if x.run[a, 0] >= s.loss_tests[a] or 2 * x.run[a, 1] >= s.loss_tests[a]:
@@ -156,6 +160,15 @@ def sense_losses(s: BankSettings, x: BankState, work: BankWork) -> int:
                         x.square_before[q, i] = square[q, i]
             return k
     return -1
+
+
+@compiled
+def stirs(work: BankWork, limit: float) -> bool:
+    """Whether any surface's effect has become less by more than so many standard errors."""
+    most = 0.0
+    for k in range(work.deviation.shape[0]):
+        most = max(most, work.deviation[k])
+    return most > limit
 
 
 @compiled

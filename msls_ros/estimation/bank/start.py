@@ -224,6 +224,7 @@ def _losses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         motion=np.zeros((groups, len(s.loss_members), 2, p)),
         run=np.zeros((len(s.loss_members), 2), np.int64),
         suspect=np.zeros(len(s.loss_members), np.int64),
+        calm=np.zeros(len(s.loss_members), np.int64),
     )
 
 

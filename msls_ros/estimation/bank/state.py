@@ -319,6 +319,8 @@ class BankState(NamedTuple):
     """(a, 2) how many times in a row a loss was seen, and surely, see `bank.losses`."""
     suspect: Integers
     """(a,) of which surface."""
+    calm: Integers
+    """(a,) 1 where nothing has spoken for a loss lately: the next test is left out."""
     misfits: Integers
     """(r,) samples with an absurd prediction error, less those without; see `soundness`."""
     samples: Integers
