@@ -195,6 +195,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         correction=np.zeros((rows, p)),
         best_correction=np.zeros((rows, p)),
         speed_logarithm=np.zeros((2, p)),
+        since_best=np.zeros(p),
         columns=np.zeros((p, p)),
         removed=np.zeros(p),
         corrected=np.zeros(p),

@@ -280,6 +280,8 @@ class BankState(NamedTuple):
     """(r, p) that of the best estimates."""
     speed_logarithm: Array
     """(2, p) the last ratios of speeds of `bank.elsewhere`, and their logarithms: those are slow."""
+    since_best: Array
+    """(p,) scratch of `bank.uncertainty.keep_best`."""
     columns: Array
     """Scratch of `bank.correction`: (p, p) columns of the inverse information, of what has noise."""
     removed: Array

@@ -134,9 +134,9 @@ def leading_member(x: BankState, q: int, share: Array) -> int:
         share[m] = 0.0
     for i in range(info.shape[0]):
         own = info[i]
-        known = x.known[q, i]
+        part = 1.0 / x.known[q, i]
         for m in range(share.shape[0]):
-            share[m] += weight[m] * own[m] / known
+            share[m] += weight[m] * own[m] * part
     leader = 0
     most = -1.0
     for m in range(share.shape[0]):
@@ -310,17 +310,23 @@ def known_square(s: BankSettings, x: BankState, q: int, i: int, value: float) ->
     if x.best_square[q, i] == math.inf:
         return math.inf
     moved = value - x.best[q, i]
+    return float(x.best_square[q, i] + moved * moved + square_since_best(s, x, q, i))
+
+
+@compiled
+def square_since_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Square by which coefficient i of row q may differ from its best, for the aircraft flies elsewhere."""
     away = 0.0
     for j in range(s.velocities.shape[0]):
         step = x.place[j] - x.best_place[q, i, j]
         away += step * step
     apart = speed_from_best(s, x, q, i)
-    known = x.best_square[q, i] + moved * moved + elsewhere_square(s, x.best[q, i], i, away, apart)
+    square = elsewhere_square(s, x.best[q, i], i, away, apart)
     other = s.coupled[q + 1, i]
     if other >= 0:
         place = s.velocities.shape[0] + other
-        known += inertial_square(s, x, q, i, x.place[place] - x.best_place[q, i, place])
-    return float(known)
+        square += inertial_square(s, x, q, i, x.place[place] - x.best_place[q, i, place])
+    return square
 
 
 @compiled
@@ -352,7 +358,12 @@ def keep_best(
     if begun:
         observe_answers(s, x, q, leader, bias, squares)
     for i in range(squares.shape[0]):
-        carried = carried_square(s, x, q, i, x.mixed[q, i])
+        carried = math.inf
+        if x.best_square[q, i] < math.inf:
+            x.since_best[i] = square_since_best(s, x, q, i)
+            step = x.mixed[q, i] - x.best[q, i]
+            known = x.best_square[q, i] + step * step + x.since_best[i]
+            carried = max(known, x.late_square[1, q, i]) + disagreement(s, x, q, i)
         x.carried[q, i] = carried
         x.square[q, i] = min(squares[i], carried) * doubt(s, x, i) + suspect_square(s, x, q, i)
         moved = math.inf
@@ -371,7 +382,8 @@ def keep_best(
             continue
         x.square_lately[0, q, i] = max(squares[i], x.square_lately[0, q, i])
         lately = max(x.square_lately[0, q, i], x.square_lately[1, q, i])
-        if lately <= known_square(s, x, q, i, x.mixed[q, i] + x.correction[q, i] - x.best_correction[q, i]):
+        step = x.mixed[q, i] + x.correction[q, i] - x.best_correction[q, i] - x.best[q, i]
+        if x.best_square[q, i] == math.inf or lately <= x.best_square[q, i] + step * step + x.since_best[i]:
             x.best[q, i] = x.mixed[q, i]
             x.best_correction[q, i] = x.correction[q, i]
             x.best_square[q, i] = lately
