@@ -65,8 +65,6 @@ An input in coloured noise (`test_bank`), 43 s of quiet after it: 1.01, .89, .83
 without, .22 of the second. F-16, seeds 813 and 814: .627 of the better peer with and without; by the share itself .631,
 and A is covered in .83 in the second after an alarm (seed 811; .89).
 """
-DELAYED = 2
-"""Delayed predictions are made at every so manieth sample, and count for as many; at every one after a restart."""
 NOTHING = -30.0
 """A member whose exponent is so far below the best gets weight 0."""
 
@@ -94,48 +92,35 @@ def judge(s: BankSettings, x: BankState, q: int, y: float, work: BankWork) -> No
     size = x.past.shape[0]
     age = x.age[x.group[q]] - 1
     delay = s.delay if age >= s.delay else max(1, age // 2)
-    every = DELAYED if age > s.delay + size else 1
-    turn = x.samples[0] + q
+    slot = x.samples[0] % size
+    back = (x.samples[0] - delay) % size
+    members = work.e.shape[0]
     e = work.e
-    if turn % every == 0:
-        predict_delayed(x.past[(x.samples[0] - delay) % size, q], work.phi, y, e)
-        for m in range(e.shape[0]):
-            work.c[m] = x.weight[q, m] * e[m]
-        error = sum_members(work.c)
-        gain = max(1.0 / (x.samples[0] + 1.0), every * s.energy[1])
-        x.output_error[q] += gain * (error * error - x.output_error[q])
+    for m in range(members):
+        e[m] = y
+    for i in range(work.phi.shape[0]):
+        old = x.past[back, q, i]
+        for m in range(members):
+            e[m] -= old[m] * work.phi[i]
+    for m in range(members):
+        work.c[m] = x.weight[q, m] * e[m]
+    error = sum_members(work.c)
+    x.output_error[q] += max(1.0 / (x.samples[0] + 1.0), s.energy[1]) * (error * error - x.output_error[q])
     clear = max(1.0 - x.output_error[q] / (NOISY * max(x.now[q], x.foreseen[q]) + TINY), 0.0)
     weight = max(gate * (clear + (1.0 - clear) * gate), s.quiet)
     fade = 1.0 - (1.0 - s.judging) * weight
-    if (turn + delay) % every == 0:
-        for i in range(work.phi.shape[0]):
-            keep = x.past[x.samples[0] % size, q, i]
-            now = x.members[q, i]
-            for m in range(now.shape[0]):
-                keep[m] = now[m]
+    for i in range(work.phi.shape[0]):
+        keep = x.past[slot, q, i]
+        now = x.members[q, i]
+        for m in range(members):
+            keep[m] = now[m]
     x.judged[q] = fade * x.judged[q] + weight
     add_squares(x.evidence[q, 0], x.errors[q], x.deviation[x.group[q]], fade, weight)
-    delayed = x.evidence[q, 1]
-    if turn % every == 0:
-        add_squares(delayed, e, x.deviation[x.group[q]], fade, every * weight)
-    else:
-        for m in range(delayed.shape[0]):
-            delayed[m] *= fade
+    add_squares(x.evidence[q, 1], e, x.deviation[x.group[q]], fade, weight)
     log = x.log[x.group[q]]
     logs = x.evidence[q, 2]
-    for m in range(log.shape[0]):
+    for m in range(members):
         logs[m] = fade * logs[m] + weight * log[m]
-
-
-@compiled
-def predict_delayed(old: Array, phi: Array, y: float, e: Array) -> None:
-    """``e = y - phi' old`` for all members: (p, m), (p,), (m,) out."""
-    for m in range(e.shape[0]):
-        e[m] = y
-    for i in range(phi.shape[0]):
-        theta = old[i]
-        for m in range(e.shape[0]):
-            e[m] -= theta[m] * phi[i]
 
 
 @compiled

@@ -227,9 +227,9 @@ def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None
         turn, young = x.samples[0] + q, x.age[x.group[q]] <= settled
         if turn % WEIGH == 0 or young:
             weigh(s, x, q, work.e)
-            mix(x, q, y[q], work.phi, work.e)
         if turn % SHARPEN == 0 or young:
             find_sharpest(s, x, q, work.e)
+        mix(x, q, y[q], work.phi, work.e)
         if turn % KEEP == 0:
             keep_best(s, x, q, work.noise, work.e, work.w, work.squares)
             shrink(s, x, q, work.squares)
