@@ -16,6 +16,7 @@ from msls_ros.estimation.regressor_noise import clear_defect, make_defect, obser
 from msls_ros.estimation.screening import Screened
 from msls_ros.estimation.soundness import all_within
 from msls_ros.estimation.state import Output
+from msls_ros.estimation.state_filter import clear_filter, filter_states, make_filter
 
 LARGEST = 1e12
 """Numbers of this size and more are refused: their squares would drown all that the estimator knows."""
@@ -59,10 +60,13 @@ class Preparation:
         self._states = find_states(c.states)
         self._turning = c.known_rotation
         self._defect = make_defect(c.rows, len(c.effectors), c.sample_rate)
+        self._filter = make_filter(self._defect.size, self._defect.delay.velocity)
+        self._filters = isinstance(engine, BankRegression) and engine.settings.straddle == 0
 
     def reset(self) -> None:
         """Forget the samples before."""
         clear_defect(self._defect)
+        clear_filter(self._filter)
 
     @property
     def state_delay(self) -> Array:
@@ -79,10 +83,12 @@ class Preparation:
         if learnt and count > 0:
             regressed = x
             if isinstance(self._engine, BankRegression):
-                noise, regressed = np.empty((count, 2 * len(self._kept))), x.copy()
+                noise, regressed = np.ones((count, 3 * len(self._kept))), x.copy()
                 observe_defect(self._defect, time, x, xdot, delta, self._kept, noise, regressed)
                 self._engine.observe(time, noise)
             build_regression(regressed, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)
+            if self._filters:
+                filter_states(self._filter, time, regressed, xdot, self._kept, noise, phi)
         return Samples(time, x, xdot, delta, phi, y, self._engine.make_output(count))
 
 

@@ -48,8 +48,12 @@ def fly(seed: int, noise: float, gusts: float = 0.0) -> tuple[Array, Array, Arra
 
 
 def identify(flight: tuple[Array, Array, Array, Array], straddle: int = 0) -> tuple[Estimate, Array]:
-    """Return the last estimate, and what is added to the rows' least squares there, (r, p), constant first."""
+    """Return the last estimate, and what is added to the rows' least squares there, (r, p), constant first.
+
+    Of states as they are measured: `state_filter` would take most of the noise off before.
+    """
     identifier = Identifier(from_mapping(NAMES), straddle)
+    identifier._preparation._filters = False
     last = identifier.run(*flight).estimates[-1]
     engine = identifier._regression
     assert isinstance(engine, BankRegression)

@@ -118,7 +118,8 @@ def white_share(s: BankSettings, x: BankState, q: int, m: int, n: int, variance:
     """
     if s.straddle > 0 or n > s.effectors_from:
         return 0.0
-    white = min(x.state_median[n - 1] / MEDIAN, x.white_states[n - 1])
+    share = x.measured[n - 1] if x.measured[n - 1] > 0.0 else 1.0
+    white = min(x.state_median[n - 1] / (MEDIAN * share), x.white_states[n - 1])
     effect = x.mixed[q, n]
     if x.residual[q, 1] > 0.0 and effect != 0.0:
         white = min(white, x.residual[q, 0] / (x.residual[q, 1] * effect * effect))

@@ -101,7 +101,7 @@ def advance_bank(
     out
         What happened, per sample.
     time, noise
-        (n,) [s], and (n, 2 r) variance of the noise in the states, and of what is white of it.
+        (n,) [s], and (n, 3 r) variance of the noise in the states, of what is white of it, and K of `state_filter`.
     """
     p = phi.shape[1]
     for n in range(start, stop):
@@ -114,6 +114,7 @@ def advance_bank(
             unit = power_of(s, q + 1, ratio_of(x))
             work.noise[q] = noise[n, q] * unit * unit
             x.white_states[q] = noise[n, y.shape[1] + q] * unit * unit
+            x.measured[q] = noise[n, 2 * y.shape[1] + q]
         if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)

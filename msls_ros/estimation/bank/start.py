@@ -187,6 +187,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         entry=np.zeros((rows, rows)),
         entry_samples=np.zeros(rows),
         state_median=np.zeros(rows),
+        measured=np.zeros(rows),
         white_states=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),

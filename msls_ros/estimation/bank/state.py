@@ -264,6 +264,8 @@ class BankState(NamedTuple):
     """(r,) how many samples these hold."""
     state_median: Array
     """(r,) median square of their third differences, of the size of their noise."""
+    measured: Array
+    """(r,) K of `state_filter` [1]; 0: they are as measured."""
     white_states: Array
     """(r,) variance of white noise in the states, as regressors, where derivatives are measured."""
     third_noise: Array

@@ -1,0 +1,226 @@
+"""States as regressors, less the noise that their derivatives tell from motion: a Kalman filter per state.
+
+Where a state is the integral of its measured derivative, only what is new needs to be measured. With the state as
+random walk about that integral, and white noise in its sensor (a local level)::
+
+    foreseen_k = xhat_(k-1) + dt ((1/2 + c) xdot_k + (1/2 - c) xdot_(k-1)),     xhat_k = foreseen_k + K (x_k - foreseen_k)
+
+The steps ``d_k = x_k - x_(k-1) - integral`` hold the noise twice, and with either sign: ``r = - mean d_k d_(k-1)``. Over
+a window of L samples D = sum d (`regressor_noise`) holds ``var D = 2 r + L q``: what the walk makes, of gusts, of noise
+in the derivative. K is Kalman's steady gain for q/r, the error of xhat ``K r``, and no window longer than L is trusted.
+``c`` is found by regression of d on the change of the derivative: a deflection that steps between samples makes a step
+of xdot, and no ramp. What the derivative does between two samples beyond that is in q, a quarter of its change: without
+noise K is 1.
+
+That x is the integral of xdot must have shown: the regression of D on the integral over the window says 0, and certain
+to `TRUSTED`; in doubt K is as much nearer to 1. States and derivatives of another frame, or of two aircraft, or scaled,
+are left as they are; so are states whose derivatives are made of themselves.
+
+What physics takes off an output (`kinematics`) is by the states as measured: an accelerometer's derivative was made
+with them, and what is common to both must cancel.
+
+References
+----------
+Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*, 1989, sections 2.2 and 4.1 (local level,
+steady gain, its moments). Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from msls_ros.estimation.compiled import compiled, passed_by_reference
+from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regressor_noise import GAP, MEMORY, OVERLAP
+
+TRUSTED = 0.5
+"""By how much the state may seem to be another multiple of its integrated derivative, two standard errors [1]."""
+BETWEEN = 0.25
+"""Part of the change of a derivative from sample to sample by which it may be another one between them [1]."""
+CONSTANT = 300.0
+"""Memory of what states and derivatives are to each other [s]."""
+BY_CHANCE = 4.0
+"""Squared standard errors that c may have by chance."""
+WINDOWS = 3.0
+"""So many windows are needed for the noise to be known: as of so many times fewer, K is no less than their inverse."""
+
+
+@passed_by_reference
+class Filter(NamedTuple):
+    """What `filter_states` remembers; v states."""
+
+    filtered: Array
+    """(v,) the states, filtered."""
+    last: Array
+    """(2, v) the last states as measured, and their derivatives."""
+    steps: Array
+    """(L, v) the last steps beyond the integral, a ring."""
+    states: Array
+    """(L, v) the last states, a ring."""
+    total: Array
+    """(v,) D."""
+    lagged: Array
+    """(3, v) the last step less what goes with c, mean product of it with the one before, number of these."""
+    stepped: Array
+    """(2, v) mean product of steps, per time, and changes of the derivative, and mean square of those."""
+    explained: Array
+    """(2, v) sums of products of the integral over a window with D, and of its squares."""
+    clock: Array
+    """(2,) time of the last sample, length of the last step [s]."""
+    filled: Integers
+    """(1,) samples since a gap; negative: none."""
+    number: Integers
+    """(1,) sums over whole windows that were seen."""
+    size: Integers
+    """(v,) L [samples]."""
+    velocity: Integers
+    """(v,) 1 of what is filtered."""
+
+
+def make_filter(size: Integers, velocity: Integers) -> Filter:
+    """Allocate for states with windows of so many samples, (v,), of which some are velocities; see `clear_filter`."""
+    count, longest = len(size), int(size.max())
+    return Filter(
+        filtered=np.zeros(count),
+        last=np.zeros((2, count)),
+        steps=np.zeros((longest, count)),
+        states=np.zeros((longest, count)),
+        total=np.zeros(count),
+        lagged=np.zeros((3, count)),
+        stepped=np.zeros((2, count)),
+        explained=np.zeros((2, count)),
+        clock=np.zeros(2),
+        filled=np.zeros(1, np.int64),
+        number=np.zeros(1, np.int64),
+        size=size,
+        velocity=velocity,
+    )
+
+
+def clear_filter(f: Filter) -> None:
+    """Know nothing."""
+    for array in f[:-2]:
+        array[...] = 0
+    f.filled[0] = -1
+
+
+@compiled
+def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array, found: Array) -> None:
+    """Take samples.
+
+    Parameters
+    ----------
+    f
+        Memory; updated.
+    time
+        (n,) [s].
+    x, xdot
+        (n, states) in step with each other [m/s, rad/s; per second].
+    columns
+        (v,) where the states stand.
+    noise
+        (n, 3 v) variance of their noise, and of what is white of it, as `observe_defect` fills them in; both become
+        what the filter leaves of it. Out: K, the share of a measurement beyond the integral that is believed.
+    found
+        (n, p) out: the states, filtered, in the first v columns.
+    """
+    count = columns.shape[0]
+    for k in range(time.shape[0]):
+        step = time[k] - f.clock[0]
+        if f.filled[0] >= 0 and (step <= 0.0 or (f.clock[1] > 0.0 and step > GAP * f.clock[1])):
+            f.filled[0] = -1
+        for j in range(count):
+            v, a = x[k, columns[j]], xdot[k, columns[j]]
+            white, share = 0.0, 1.0
+            if f.velocity[j] == 0:
+                f.filtered[j] = v
+            elif f.filled[0] >= 0:
+                part = part_of_step(f, j, step)
+                integral = step * ((0.5 + part) * a + (0.5 - part) * f.last[1, j])
+                observe_step(f, j, v, a, step, part)
+                white = max(-f.lagged[1, j], 0.0)
+                share = share_of_measured(f, j, white, noise[k, j], step)
+                f.filtered[j] = share * v + (1.0 - share) * (f.filtered[j] + integral)
+            else:
+                f.total[j] = 0.0
+                f.lagged[0, j] = 0.0
+                f.filtered[j] = v
+            slot = max(f.filled[0], 0) % f.size[j]
+            f.states[slot, j] = v
+            f.last[0, j] = v
+            f.last[1, j] = a
+            noise[k, j] -= (1.0 - share) * min(white, noise[k, j])
+            noise[k, count + j] *= share
+            noise[k, 2 * count + j] = share
+            found[k, j] = f.filtered[j]
+        if f.filled[0] >= f.steps.shape[0]:
+            f.number[0] += 1
+        f.clock[1] = step if f.filled[0] >= 0 else 0.0
+        f.clock[0] = time[k]
+        f.filled[0] += 1
+
+
+@compiled
+def observe_step(f: Filter, j: int, v: float, a: float, step: float, part: float) -> None:
+    """Learn from a step to state j, ``v``, with derivative ``a``; ``part`` is c."""
+    change = a - f.last[1, j]
+    d = v - f.last[0, j] - 0.5 * step * (a + f.last[1, j])
+    size, filled = f.size[j], f.filled[0]
+    slot = filled % size
+    if filled >= size:
+        integral = v - f.states[slot, j]
+        f.total[j] += d - f.steps[slot, j]
+        integral -= f.total[j]
+        fade = 1.0 - step / CONSTANT
+        f.explained[0, j] = fade * f.explained[0, j] + integral * f.total[j]
+        f.explained[1, j] = fade * f.explained[1, j] + integral * integral
+    else:
+        f.total[j] += d
+    f.steps[slot, j] = d
+    slow = max(1.0 / (f.lagged[2, j] + 1.0), step / CONSTANT)
+    f.stepped[0, j] += slow * (d * change / step - f.stepped[0, j])
+    f.stepped[1, j] += slow * (change * change - f.stepped[1, j])
+    last = f.lagged[0, j]
+    d -= part * step * change
+    f.lagged[0, j] = d
+    if last != 0.0:
+        f.lagged[2, j] += 1.0
+        f.lagged[1, j] += max(1.0 / f.lagged[2, j], step / MEMORY) * (last * d - f.lagged[1, j])
+
+
+@compiled
+def part_of_step(f: Filter, j: int, step: float) -> float:
+    """Return c: by how much more the derivative at the end of a step counts for its integral than that at its start."""
+    square = f.stepped[1, j]
+    if square <= 0.0 or f.lagged[2, j] < f.size[j]:
+        return 0.0
+    c = f.stepped[0, j] / square
+    number = min(f.lagged[2, j], CONSTANT / step)
+    variance = BY_CHANCE * 2.0 * max(-f.lagged[1, j], 0.0) / (number * step * step * square)
+    return min(max(c - variance / c, -0.5), 0.5) if c * c > variance else 0.0
+
+
+@compiled
+def trust(f: Filter, j: int, variance: float) -> float:
+    """Return how sure it is that state j is the integral of its derivative, by the variance of D [1]."""
+    square = f.explained[1, j]
+    if square <= 0.0:
+        return 0.0
+    off = f.explained[0, j] / square
+    return max(1.0 - (off * off + 4.0 * variance * f.size[j] / OVERLAP / square) / (TRUSTED * TRUSTED), 0.0)
+
+
+@compiled
+def share_of_measured(f: Filter, j: int, white: float, noise: float, step: float) -> float:
+    """Return K of state j, by the variances of white noise and of all that `regressor_noise` has found."""
+    if f.number[0] <= f.size[j] or white <= 0.0:
+        return 1.0
+    between = BETWEEN * step
+    walk = 2.0 * max(noise - white, 0.0) / f.size[j] + between * between * f.stepped[1, j]
+    ratio = walk / white
+    least = max(1.0, WINDOWS * f.size[j] / f.number[0]) / f.size[j]
+    share = min(max(0.5 * (math.sqrt(ratio * ratio + 4.0 * ratio) - ratio), least), 1.0)
+    return 1.0 - trust(f, j, 2.0 * noise) * (1.0 - share)
