@@ -209,6 +209,14 @@ def state_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
 
 
 @compiled
+def measured_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
+    """Variance of the noise in state j as it was measured, with what `state_filter` has taken off."""
+    share = x.measured[j]
+    off = x.white_states[j] * (1.0 - share) / share if share > 0.0 else 0.0
+    return float(state_noise(s, x, j, found) + off)
+
+
+@compiled
 def observe_entry(s: BankSettings, x: BankState, q: int, error: float) -> None:
     """Update how row q's prediction error goes with the noise in the states, where `entering_part` asks for it."""
     x.entry_samples[q] += 1.0 - s.entry * x.entry_samples[q]

@@ -51,7 +51,7 @@ import math
 from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
 from msls_ros.estimation.bank.correction import correct
-from msls_ros.estimation.bank.effector_noise import state_noise
+from msls_ros.estimation.bank.effector_noise import measured_noise
 from msls_ros.estimation.bank.elsewhere import (
     distance_from_mean,
     elsewhere_square,
@@ -444,7 +444,7 @@ def bank_errors(
         square = power * power * (errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i))
         if source > 0:
             own = part / power_of(s, source, ratio_of(x))
-            square += own * own * state_noise(s, x, source - 1, noise[source - 1])
+            square += own * own * measured_noise(s, x, source - 1, noise[source - 1])
         slope = slope_by_speed(s, phi, i, ratio)
         if i == 0 and s.scaled:
             square += sum_square
