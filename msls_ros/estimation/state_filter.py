@@ -1,28 +1,30 @@
-"""States as regressors, less the noise that their derivatives tell from motion: a Kalman filter per state.
+"""Velocities as regressors, less the noise that their derivatives tell from motion: a Kalman filter for each.
 
-Where a state is the integral of its measured derivative, only what is new needs to be measured. With the state as
+Where a state is the integral of its measured derivative, only what is new needs to be measured. With the state as a
 random walk about that integral, and white noise in its sensor (a local level)::
 
-    foreseen_k = xhat_(k-1) + dt ((1/2 + c) xdot_k + (1/2 - c) xdot_(k-1)),     xhat_k = foreseen_k + K (x_k - foreseen_k)
+    foreseen_k = xhat_(k-1) + dt ((1/2 + c) xdot_k + (1/2 - c) xdot_(k-1))
+    xhat_k     = foreseen_k + K (x_k - foreseen_k)
 
-The steps ``d_k = x_k - x_(k-1) - integral`` hold the noise twice, and with either sign: ``r = - mean d_k d_(k-1)``. Over
-a window of L samples D = sum d (`regressor_noise`) holds ``var D = 2 r + L q``: what the walk makes, of gusts, of noise
-in the derivative. K is Kalman's steady gain for q/r, the error of xhat ``K r``, and no window longer than L is trusted.
-``c`` is found by regression of d on the change of the derivative: a deflection that steps between samples makes a step
-of xdot, and no ramp. What the derivative does between two samples beyond that is in q, a quarter of its change: without
-noise K is 1.
+The steps ``d_k = x_k - x_(k-1) - integral`` hold the noise twice, with either sign: ``r = - mean d_k d_(k-1)``. Over a
+window of L samples D = sum d (`regressor_noise`) holds ``var D = 2 r + L q``, with what the walk makes: gusts, noise of
+the derivative. K is Kalman's steady gain for q/r, the error of xhat has the variance ``K r``, and nothing is averaged
+over more than L samples. ``c`` is found by regression of d on the change of the derivative: where an input steps at a
+sample xdot is a step, and no ramp. What the derivative may do between two samples beyond that, a quarter of its change,
+is in q: without noise K is 1.
 
-That x is the integral of xdot must have shown: the regression of D on the integral over the window says 0, and certain
-to `TRUSTED`; in doubt K is as much nearer to 1. States and derivatives of another frame, or of two aircraft, or scaled,
-are left as they are; so are states whose derivatives are made of themselves.
+That x is the integral of xdot must have shown: the regression of D on the integral over the window says 0, for certain
+(`TRUSTED`); in doubt K is as much nearer to 1. States and derivatives that do not belong together are left as they are,
+and so is all whose derivatives are made of the states. Of angular rates nothing is made, as in `state_delay`: gyros and
+their derivatives are of one sensor; the error of xhat has half a step of xdot's noise, which is in the output as well.
 
 What physics takes off an output (`kinematics`) is by the states as measured: an accelerometer's derivative was made
-with them, and what is common to both must cancel.
+with them, and what is common to both cancels.
 
 References
 ----------
-Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*, 1989, sections 2.2 and 4.1 (local level,
-steady gain, its moments). Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility).
+Harvey, *Forecasting, Structural Time Series Models and the Kalman Filter*, 1989, sections 2.2 and 4.1 (local level: its
+moments, its steady gain). Klein and Morelli, *Aircraft System Identification*, 2006, chapter 10 (data compatibility).
 """
 
 from __future__ import annotations
@@ -37,15 +39,21 @@ from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.regressor_noise import GAP, MEMORY, OVERLAP
 
 TRUSTED = 0.5
-"""By how much the state may seem to be another multiple of its integrated derivative, two standard errors [1]."""
+"""By how much the state may seem another multiple of its integrated derivative, with two standard errors [1].
+
+At 1 one is not told from the other. Noise of .5 m/s hides the integral of quiet flight for a minute, with .3 for two.
+"""
 BETWEEN = 0.25
-"""Part of the change of a derivative from sample to sample by which it may be another one between them [1]."""
+"""Part of the change of a derivative from sample to sample by which it may be another one between them [1].
+
+Half of it would be all that trapezoids can be off by.
+"""
 CONSTANT = 300.0
 """Memory of what states and derivatives are to each other [s]."""
 BY_CHANCE = 4.0
 """Squared standard errors that c may have by chance."""
-WINDOWS = 3.0
-"""So many windows are needed for the noise to be known: as of so many times fewer, K is no less than their inverse."""
+WINDOWS = 3
+"""From so many windows on the noise is known, to .8 of itself."""
 
 
 @passed_by_reference
@@ -200,7 +208,7 @@ def part_of_step(f: Filter, j: int, step: float) -> float:
     c = f.stepped[0, j] / square
     number = min(f.lagged[2, j], CONSTANT / step)
     variance = BY_CHANCE * 2.0 * max(-f.lagged[1, j], 0.0) / (number * step * step * square)
-    return min(max(c - variance / c, -0.5), 0.5) if c * c > variance else 0.0
+    return float(min(max(c - variance / c, -0.5), 0.5)) if c * c > variance else 0.0
 
 
 @compiled
@@ -210,17 +218,17 @@ def trust(f: Filter, j: int, variance: float) -> float:
     if square <= 0.0:
         return 0.0
     off = f.explained[0, j] / square
-    return max(1.0 - (off * off + 4.0 * variance * f.size[j] / OVERLAP / square) / (TRUSTED * TRUSTED), 0.0)
+    doubt = off * off + 4.0 * variance * f.size[j] / OVERLAP / square
+    return float(max(1.0 - doubt / (TRUSTED * TRUSTED), 0.0))
 
 
 @compiled
 def share_of_measured(f: Filter, j: int, white: float, noise: float, step: float) -> float:
     """Return K of state j, by the variances of white noise and of all that `regressor_noise` has found."""
-    if f.number[0] <= f.size[j] or white <= 0.0:
+    if f.number[0] < WINDOWS * f.size[j] or white <= 0.0:
         return 1.0
     between = BETWEEN * step
     walk = 2.0 * max(noise - white, 0.0) / f.size[j] + between * between * f.stepped[1, j]
     ratio = walk / white
-    least = max(1.0, WINDOWS * f.size[j] / f.number[0]) / f.size[j]
-    share = min(max(0.5 * (math.sqrt(ratio * ratio + 4.0 * ratio) - ratio), least), 1.0)
-    return 1.0 - trust(f, j, 2.0 * noise) * (1.0 - share)
+    share = max(0.5 * (math.sqrt(ratio * ratio + 4.0 * ratio) - ratio), 1.0 / f.size[j])
+    return float(1.0 - trust(f, j, 2.0 * noise) * (1.0 - min(share, 1.0)))

@@ -41,9 +41,9 @@ def motion(seed: int = 0, held: bool = False) -> tuple[Array, Array]:
         slope = np.random.default_rng(seed).normal(size=len(time)) + 2.0 * np.cos(time)
         x = np.concatenate([[0.0], np.cumsum(slope)[:-1]]) / RATE
         return x[:, None], slope[:, None]
-    tones = (0.7, 1.9, 4.3)
-    x = sum(np.sin(one * time + one) / one for one in tones)
-    return np.asarray(x)[:, None], np.asarray(sum(np.cos(one * time + one) for one in tones))[:, None]
+    tones = np.array([0.7, 1.9, 4.3])
+    turns = time[:, None] * tones + tones
+    return (np.sin(turns) / tones).sum(axis=1)[:, None], np.cos(turns).sum(axis=1)[:, None]
 
 
 @pytest.mark.parametrize("noise", [0.1, 0.3])
