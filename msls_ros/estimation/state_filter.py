@@ -8,8 +8,8 @@ random walk about that integral, and white noise in its sensor (a local level)::
 
 The steps ``d_k = x_k - x_(k-1) - integral`` hold the noise twice, with either sign: ``r = - mean d_k d_(k-1)``. Over a
 window of L samples D = sum d (`regressor_noise`) holds ``var D = 2 r + L q``, with what the walk makes: gusts, noise of
-the derivative. K is Kalman's steady gain for q/r, the error of xhat has the variance ``K r``, and nothing is averaged
-over more than L samples. ``c`` is found by regression of d on the change of the derivative: where an input steps at a
+the derivative. K is Kalman's steady gain for q/r, the error of xhat has the variance ``K r``, of which the sensor's noise
+makes ``K r/(2 - K)``, and nothing is averaged over more than L samples. ``c`` is found by regression of d on the change of the derivative: where an input steps at a
 sample xdot is a step, and no ramp. What the derivative may do between two samples beyond that, a quarter of its change,
 is in q: without noise K is 1.
 
@@ -50,6 +50,8 @@ Half of it would be all that trapezoids can be off by.
 """
 CONSTANT = 300.0
 """Memory of what states and derivatives are to each other [s]."""
+LATELY = 30.0
+"""Memory of the noise that is left, as long as the longest of the bank [s]: K is known to a half, from few windows."""
 BY_CHANCE = 4.0
 """Squared standard errors that c may have by chance."""
 WINDOWS = 3
@@ -74,6 +76,8 @@ class Filter(NamedTuple):
     """(3, v) the last step less what goes with c, mean product of it with the one before, number of these."""
     stepped: Array
     """(2, v) mean product of steps, per time, and changes of the derivative, and mean square of those."""
+    left: Array
+    """(2, v) number of samples, and mean variance of the noise that was left in them."""
     explained: Array
     """(2, v) sums of products of the integral over a window with D, and of its squares."""
     clock: Array
@@ -99,6 +103,7 @@ def make_filter(size: Integers, velocity: Integers) -> Filter:
         total=np.zeros(count),
         lagged=np.zeros((3, count)),
         stepped=np.zeros((2, count)),
+        left=np.zeros((2, count)),
         explained=np.zeros((2, count)),
         clock=np.zeros(2),
         filled=np.zeros(1, np.int64),
@@ -160,8 +165,9 @@ def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Intege
             f.states[slot, j] = v
             f.last[0, j] = v
             f.last[1, j] = a
-            noise[k, j] -= (1.0 - share) * min(white, noise[k, j])
-            noise[k, count + j] *= share
+            white = min(white, noise[k, j])
+            noise[k, j] -= white - what_is_left(f, j, share, white, step)
+            noise[k, count + j] *= share / (2.0 - share)
             noise[k, 2 * count + j] = share
             found[k, j] = f.filtered[j]
         if f.filled[0] >= f.steps.shape[0]:
@@ -209,6 +215,14 @@ def part_of_step(f: Filter, j: int, step: float) -> float:
     number = min(f.lagged[2, j], CONSTANT / step)
     variance = BY_CHANCE * 2.0 * max(-f.lagged[1, j], 0.0) / (number * step * step * square)
     return float(min(max(c - variance / c, -0.5), 0.5)) if c * c > variance else 0.0
+
+
+@compiled
+def what_is_left(f: Filter, j: int, share: float, white: float, step: float) -> float:
+    """Return the variance of ``white`` noise that the filter leaves of state j: now, or on average lately."""
+    f.left[0, j] += 1.0
+    f.left[1, j] += max(1.0 / f.left[0, j], step / LATELY) * (share * white - f.left[1, j])
+    return float(max(share * white, f.left[1, j])) if share < 1.0 else white
 
 
 @compiled

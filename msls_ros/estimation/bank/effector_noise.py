@@ -212,7 +212,7 @@ def state_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
 def measured_noise(s: BankSettings, x: BankState, j: int, found: float) -> float:
     """Variance of the noise in state j as it was measured, with what `state_filter` has taken off."""
     share = x.measured[j]
-    off = x.white_states[j] * (1.0 - share) / share if share > 0.0 else 0.0
+    off = x.white_states[j] * (2.0 - share) * (1.0 - share) / share if share > 0.0 else 0.0
     return float(state_noise(s, x, j, found) + off)
 
 
