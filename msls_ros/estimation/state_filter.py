@@ -8,10 +8,10 @@ random walk about that integral, and white noise in its sensor (a local level)::
 
 The steps ``d_k = x_k - x_(k-1) - integral`` hold the noise twice, with either sign: ``r = - mean d_k d_(k-1)``. Over a
 window of L samples D = sum d (`regressor_noise`) holds ``var D = 2 r + L q``, with what the walk makes: gusts, noise of
-the derivative. K is Kalman's steady gain for q/r, the error of xhat has the variance ``K r``, of which the sensor's noise
-makes ``K r/(2 - K)``, and nothing is averaged over more than L samples. ``c`` is found by regression of d on the change of the derivative: where an input steps at a
-sample xdot is a step, and no ramp. What the derivative may do between two samples beyond that, a quarter of its change,
-is in q: without noise K is 1.
+the derivative. K is Kalman's steady gain for q/r, the error of xhat has the variance ``K r``, of which the sensor's own
+noise makes ``K r/(2 - K)``, and nothing is averaged over more than L samples. ``c`` is found by regression of d on the
+change of the derivative: where an input steps at a sample xdot is a step, and no ramp. What the derivative may do
+between two samples beyond that, a quarter of its change, is in q: without noise K is 1.
 
 That x is the integral of xdot must have shown: the regression of D on the integral over the window says 0, for certain
 (`TRUSTED`); in doubt K is as much nearer to 1. States and derivatives that do not belong together are left as they are,
