@@ -1,7 +1,7 @@
-"""Velocities as regressors, less the noise that their derivatives tell from motion: a Kalman filter for each.
+"""Velocities as regressors, without the noise that their measured derivatives show to be none of their motion.
 
-Where a state is the integral of its measured derivative, only what is new needs to be measured. With the state as a
-random walk about that integral, and white noise in its sensor (a local level)::
+A velocity is the integral of its derivative. As a random walk about that integral, measured in white noise (a local
+level), it is filtered, each by itself::
 
     foreseen_k = xhat_(k-1) + dt ((1/2 + c) xdot_k + (1/2 - c) xdot_(k-1))
     xhat_k     = foreseen_k + K (x_k - foreseen_k)
@@ -41,7 +41,8 @@ from msls_ros.estimation.regressor_noise import GAP, MEMORY, OVERLAP
 TRUSTED = 0.5
 """By how much the state may seem another multiple of its integrated derivative, with two standard errors [1].
 
-At 1 one is not told from the other. Noise of .5 m/s hides the integral of quiet flight for a minute, with .3 for two.
+At 1 a multiple of 0 is as likely as one of 1. Noise of .5 m/s in quiet flight is trusted after a minute; with .3 after
+two.
 """
 BETWEEN = 0.25
 """Part of the change of a derivative from sample to sample by which it may be another one between them [1].
@@ -122,7 +123,7 @@ def clear_filter(f: Filter) -> None:
 
 @compiled
 def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array, found: Array) -> None:
-    """Take samples.
+    """Filter the velocities of samples, and say what noise is left; see the module.
 
     Parameters
     ----------

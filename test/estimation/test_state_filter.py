@@ -1,4 +1,4 @@
-"""States as regressors: noise that their derivatives tell from motion is taken off, and nothing else is."""
+"""Velocities as regressors: noise that is none of their motion by their derivatives is taken off, and nothing else."""
 
 from __future__ import annotations
 

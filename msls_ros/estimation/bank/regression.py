@@ -168,7 +168,7 @@ class BankRegression:
         return done
 
     def observe(self, time: Array, noise: Array) -> None:
-        """Take time, (n,) [s], and variances of `observe_defect`, (n, 3 r), of the samples that come next."""
+        """Take time, (n,) [s], and noise, (n, 3 r) as of `filter_states`, of the samples that come next."""
         self._observed = time, noise
 
     @property
