@@ -58,7 +58,8 @@ SMALL = 0.01
 
 What is left of regressors that move along one line is then of a filter's making. With noise of .001 m/s beside motion
 of .5 m/s, w by an elevator that only a slow stick had moved was -208 with a standard error of 2 in the least squares of
-2 of 10 flights (true -5; nothing of it was said to be known), and its dither a thirtieth of what it may be; none now.
+a flight (true -5; nothing of it was said to be known), and its dither an eighth of what it may be, in another of ten
+flights a twentieth; in none with this.
 """
 BY_CHANCE = 4.0
 """Squared standard errors that c may have by chance."""
