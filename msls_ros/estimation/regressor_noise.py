@@ -165,7 +165,8 @@ def observe_defect(
     columns
         (v,) where the states stand.
     noise
-        (n, 2 v) out: variance of their noise after each sample, and that of white noise.
+        (n, 4 v) out: variance of their noise after each sample, that of white noise; in the last v what has shown of
+        the first, without what is added for few windows.
     aligned
         (n, states) in and out: the states, of which those that are late are put in step with their derivatives.
     """
@@ -188,6 +189,7 @@ def observe_defect(
                 compare(defect, j, a, step, gain)
             noise[k, j] = noise_of(defect, j, v, gain)
             noise[k, count + j] = max(-defect.lagged[1, j], 0.0)
+            noise[k, 3 * count + j] = 0.5 * defect.variance[j] if defect.number[0] > 0 else 0.0
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v

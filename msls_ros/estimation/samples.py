@@ -83,7 +83,7 @@ class Preparation:
         if learnt and count > 0:
             regressed = x
             if isinstance(self._engine, BankRegression):
-                noise, regressed = np.ones((count, 3 * len(self._kept))), x.copy()
+                noise, regressed = np.ones((count, 4 * len(self._kept))), x.copy()
                 observe_defect(self._defect, time, x, xdot, delta, self._kept, noise, regressed)
                 self._engine.observe(time, noise)
             build_regression(regressed, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)

@@ -96,6 +96,7 @@ def test_a_change_through_incidence_counts_as_noise_along_its_column() -> None:
     before[Q, 2] *= 1.5
     work.concerned[:] = [0, 0, 1]
     work.noise[:] = 0.0
+    x.noisy[:] = 0.0
     compare_surfaces(s, x, which, before, 1e-12 * np.ones_like(before), KNOWN, False, False, work)
     n = noise_of(s, x, Q, which)
     R = x.R[x.group[Q], 1:, 1:, s.loss_members[which]]

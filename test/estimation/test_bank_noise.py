@@ -234,7 +234,7 @@ def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0
     n = 500
     time = PERIOD * np.arange(n, dtype=np.float64)
     x = np.sin(3.0 * (time - skew))[:, None] + noise * math.sqrt(3.0) * uniform(n, 1, 71)
-    defect, out = make_defect((name,), 0, 1.0 / PERIOD), np.zeros((n, 2))
+    defect, out = make_defect((name,), 0, 1.0 / PERIOD), np.zeros((n, 4))
     clear_defect(defect)
     keep = math.exp(-PERIOD / 0.3)
     fresh = drift * math.sqrt(3.0 * (1.0 - keep * keep)) * uniform(n, 1, 72)
@@ -452,7 +452,7 @@ def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is(
     t, x = 0.01 * np.arange(n, dtype=np.float64), 0.3 * uniform(n, 1, 7)
     defect = make_defect(("w",), 0, 100.0)
     clear_defect(defect)
-    found = np.zeros((n, 2))
+    found = np.zeros((n, 4))
     observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros((n, 0)), np.zeros(1, np.int64), found, x.copy())
     assert found[20, 0] == pytest.approx(np.var(x[:21]), rel=1e-9)
     assert found[39, 0] == pytest.approx(np.var(x[:40]), rel=1e-9)

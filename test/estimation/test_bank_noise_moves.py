@@ -26,6 +26,7 @@ def prepared(noise: float) -> BankRegression:
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
     engine._work.noise[:] = noise
+    engine.state.noisy[:] = 0.0
     find_directions(engine.settings, engine.state.R[0], MEMBER, engine._work)
     find_noise_moves(engine.settings, engine.state, 0, MEMBER, engine._work)
     return engine

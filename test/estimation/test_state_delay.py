@@ -56,7 +56,7 @@ def find(samples: Flight) -> tuple[float, Array]:
     defect = make_defect(("w", "Q"), 1, RATE)
     clear_defect(defect)
     aligned = x.copy()
-    observe_defect(defect, time, x, slopes, delta, np.arange(2), np.zeros((len(x), 4)), aligned)
+    observe_defect(defect, time, x, slopes, delta, np.arange(2), np.zeros((len(x), 8)), aligned)
     assert defect.delay.late[1] == 0.0 and (aligned[:, 1] == x[:, 1]).all(), "an angular rate is left as it is"
     return float(defect.delay.late[0]), aligned[:, 0]
 

@@ -28,7 +28,7 @@ def filtered(
     clear_defect(defect)
     one = make_filter(defect.size, defect.delay.velocity)
     clear_filter(one)
-    noise, aligned, found = np.zeros((n, 3 * count)), x.copy(), np.zeros((n, count))
+    noise, aligned, found = np.zeros((n, 4 * count)), x.copy(), np.zeros((n, count))
     observe_defect(defect, time, x, xdot, np.zeros((n, 0)), columns, noise, aligned)
     filter_states(one, time, aligned, xdot, columns, noise, found)
     return found, noise, one

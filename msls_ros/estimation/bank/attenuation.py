@@ -93,7 +93,7 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
 def noise_in(s: BankSettings, x: BankState, g: int, n: int, m: int, noise: Array) -> float:
     """Return ``n sigma^2`` of regressor n in what member m of group g remembers; noise as in `attenuation`."""
     if n <= noise.shape[0]:
-        return float(x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1]))
+        return float(max(x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1]), x.noisy[g, n - 1, m]))
     if s.effectors_from < n <= s.effectors_to:
         return float(x.taken[g, m] * x.third_noise[n - s.effectors_from - 1])
     return 0.0

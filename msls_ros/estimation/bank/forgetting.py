@@ -179,6 +179,7 @@ def copy_group(x: BankState, g: int, target: int) -> None:
     """Give another group the history of group g."""
     for i in range(x.R.shape[1]):
         copy_rows(x.R[g, i], x.R[target, i])
+    copy_rows(x.noisy[g], x.noisy[target])
     copy_rows(x.centre[g], x.centre[target])
     copy_rows(x.info[g], x.info[target])
     for j in range(x.sensitivity.shape[1]):

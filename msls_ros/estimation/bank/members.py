@@ -65,6 +65,10 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
     for m in range(members):
         count[m] = (1.0 - work.loss[m]) * count[m] + work.weight[m]
         work.e[m] = work.weight[m] / count[m] if x.age[g] > 0 else 1.0
+    for q in range(y.shape[0]):
+        noisy = x.noisy[g, q]
+        for m in range(members):
+            noisy[m] = (1.0 - work.loss[m]) * noisy[m] + work.weight[m] * work.shown[q]
     for i in range(1, s.effectors_from + 1):
         centre = x.centre[g, i]
         for m in range(members):

@@ -19,8 +19,8 @@ Fuller, *Measurement Error Models*, 1987, section 2.2.
 
 from __future__ import annotations
 
-from msls_ros.estimation.bank.attenuation import NOTICED, turned_part
-from msls_ros.estimation.bank.effector_noise import entering_part, state_noise
+from msls_ros.estimation.bank.attenuation import NOTICED, noise_in, turned_part
+from msls_ros.estimation.bank.effector_noise import entering_part
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.work import BankWork
@@ -38,9 +38,7 @@ def find_noise_moves(s: BankSettings, x: BankState, g: int, m: int, work: BankWo
     p = work.columns.shape[0]
     for i in range(1, s.effectors_from + 1):
         move = work.noise_moves[i]
-        variance = 0.0
-        if i <= work.noise.shape[0]:
-            variance = x.taken[g, m] * state_noise(s, x, i - 1, work.noise[i - 1])
+        variance = noise_in(s, x, g, i, m, work.noise)
         move[0] = variance if variance > NOTICED * x.info[g, i, m] else 0.0
         if move[0] <= 0.0:
             continue

@@ -50,7 +50,7 @@ class BankRegression:
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, the first regressors, as these; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
-        self._observed = np.zeros(0), np.zeros((0, 3 * rows))
+        self._observed = np.zeros(0), np.zeros((0, 4 * rows))
         self._advance = Bound(advance_bank)
         self.reset()
 
@@ -154,7 +154,7 @@ class BankRegression:
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
-            self._observed = np.zeros(len(phi)), np.zeros((len(phi), 3 * y.shape[1]))
+            self._observed = np.zeros(len(phi)), np.zeros((len(phi), 4 * y.shape[1]))
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
         ratio = float(self.state.speed[1]) if self.state.speed[1] > 0.0 else 1.0
@@ -168,7 +168,7 @@ class BankRegression:
         return done
 
     def observe(self, time: Array, noise: Array) -> None:
-        """Take time, (n,) [s], and noise, (n, 3 r) as of `filter_states`, of the samples that come next."""
+        """Take time, (n,) [s], and noise, (n, 4 r) as of `filter_states`, of the samples that come next."""
         self._observed = time, noise
 
     @property

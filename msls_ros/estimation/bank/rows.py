@@ -101,7 +101,8 @@ def advance_bank(
     out
         What happened, per sample.
     time, noise
-        (n,) [s], and (n, 3 r) variance of the noise in the states, of what is white of it, and K of `state_filter`.
+        (n,) [s], and (n, 4 r) of the noise in the states: variance, that of what is white, K of `state_filter`, and
+        what of the first has shown.
     """
     p = phi.shape[1]
     for n in range(start, stop):
@@ -115,6 +116,7 @@ def advance_bank(
             work.noise[q] = noise[n, q] * unit * unit
             x.white_states[q] = noise[n, y.shape[1] + q] * unit * unit
             x.measured[q] = noise[n, 2 * y.shape[1] + q]
+            work.shown[q] = noise[n, 3 * y.shape[1] + q] * unit * unit
         if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)

@@ -34,6 +34,7 @@ def _estimates(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         deviation=np.zeros((groups, m)),
         log=np.zeros((groups, m)),
         taken=np.zeros((groups, m)),
+        noisy=np.zeros((groups, rows, m)),
         centre=np.zeros((groups, p, m)),
         kept_info=np.zeros((groups, p)),
         age=np.zeros(groups, np.int64),
@@ -307,3 +308,5 @@ def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
         x.R[g, i, i, m] = s.prior[i, m]
         x.info[g, i, m] = s.prior[i, m] * s.prior[i, m]
     x.taken[g, m] = 0.0
+    for q in range(x.noisy.shape[1]):
+        x.noisy[g, q, m] = 0.0

@@ -26,6 +26,8 @@ class BankState(NamedTuple):
     """(g, m) ``ln(1 + d)`` of the last sample."""
     taken: Array
     """(g, m) sum of the weights of the samples in the factor."""
+    noisy: Array
+    """(g, r, m) weighted sums of the variances of the noise in the states, as it showed in those samples."""
     centre: Array
     """(g, p, m) weighted means of the states over what each member remembers, constant first."""
     kept_info: Array

@@ -23,6 +23,8 @@ class BankWork(NamedTuple):
     """(r,) outputs, put in step."""
     noise: Array
     """(r,) variance of the noise in the states, as regressors."""
+    shown: Array
+    """(r,) as much of that as has shown."""
     w: Array
     """(p,)"""
     squares: Array
@@ -107,6 +109,7 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         outputs=np.zeros(rows),
         y=np.zeros(rows),
         noise=np.zeros(rows),
+        shown=np.zeros(rows),
         w=np.zeros(p),
         squares=np.zeros(p),
         row=np.zeros((p, m)),
