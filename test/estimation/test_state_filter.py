@@ -20,7 +20,7 @@ SECONDS = 60.0
 def filtered(
     x: Array, xdot: Array, names: tuple[str, ...] = ("w",), time: Array | None = None
 ) -> tuple[Array, Array, Filter]:
-    """Return the states (n, v) as they are learnt from, and (n, 3 v) what is said of their noise, and the filter."""
+    """Return the states (n, v) as they are learnt from, and (n, 4 v) what is said of their noise, and the filter."""
     n, count = x.shape
     columns = np.arange(count)
     time = np.arange(n) / RATE if time is None else time
