@@ -91,7 +91,10 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
 
 @compiled
 def noise_in(s: BankSettings, x: BankState, g: int, n: int, m: int, noise: Array) -> float:
-    """Return ``n sigma^2`` of regressor n in what member m of group g remembers; noise as in `attenuation`."""
+    """Return ``n sigma^2`` of regressor n in what member m of group g remembers; noise as in `attenuation`.
+
+    That of a state is as it showed when it came (`BankState.noisy`), and no less than if all of it had that of now.
+    """
     if n <= noise.shape[0]:
         return float(max(x.taken[g, m] * state_noise(s, x, n - 1, noise[n - 1]), x.noisy[g, n - 1, m]))
     if s.effectors_from < n <= s.effectors_to:
