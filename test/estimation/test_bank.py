@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "10858ccc5e12af80392443910af702e4"
+PINNED = "2791dda502cdbad1e3d5eb2ad136cab5"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

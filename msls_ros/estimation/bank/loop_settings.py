@@ -76,6 +76,8 @@ class BankSettings(NamedTuple):
     """(2,) member whose information counts as knowledge, by axis: the longest memory, the widest prior."""
     recent: int
     """Member whose information counts as excitation."""
+    window: int
+    """Samples in a block of those by which effects are held against the last seconds, see `bank.changes`."""
     learning: int
     """Samples for which no alarm is raised after a first excitation."""
     straddle: int

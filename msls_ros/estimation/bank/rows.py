@@ -10,6 +10,7 @@ import math
 
 from msls_ros.estimation.bank.attenuation import doubt
 from msls_ros.estimation.bank.batches import clear_batches
+from msls_ros.estimation.bank.changes import observe_window
 from msls_ros.estimation.bank.delay import find_delay, forget_delays, observe_output, put_in_step, take_back
 from msls_ros.estimation.bank.detection import forget_predictors, sense_bank
 from msls_ros.estimation.bank.effector_noise import (
@@ -146,6 +147,7 @@ def advance_bank(
         update_rows(s, x, work.y, work)
         keep_reference(s, x)
         keep_sample(x, work.phi, work.y)
+        observe_window(s, x, work.phi, work.y)
         x.samples[0] += 1
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)

@@ -106,6 +106,8 @@ and through windows: no false alarm of these tests; 9 with 4.5 for three tests. 
 Shorter ones make more tests a second, and need more each: docs/bank_history.md, "Losses that only dither shows: short
 memories".
 """
+BLOCK = 1.0
+"""Of the sums of the last seconds, see `bank.changes` [s]."""
 WALK, NOISE_MEMORY = 0.3, 30.0
 """Walk of the constant, and memory of the member whose innovations say what noise is [s], where inputs have passed a
 window, of the noise of which little is slow (`bank.loss_noise`).
@@ -312,6 +314,7 @@ def _members(
         wind_up=WIND_UP,
         reference=np.array([_widest(grid, 1 + of) for of in (0, 1)], np.int64),
         recent=_nearest(grid, LOSSES[-1].memory, 1.0),
+        window=max(1, round(BLOCK / period)),
         batches=np.array([max(1, round(length / period)) for length, _ in BATCHES], np.int64),
         batch_factor=np.array([factor for _, factor in BATCHES]),
     )

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from msls_ros.estimation.bank.changes import BLOCKS
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.compiled import compiled
@@ -143,6 +144,17 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         answer=np.zeros((rows, effectors)),
         steps=np.zeros((effectors, effectors)),
         step_back=np.zeros(effectors),
+        window_sums=np.zeros((BLOCKS, p, p)),
+        window_outputs=np.zeros((BLOCKS, p, rows)),
+        window_block=np.zeros(BLOCKS, np.int64),
+        window_key=np.zeros(2, np.int64),
+        window_matrix=np.zeros((p, p)),
+        window_mean=np.zeros(p),
+        window_factor=np.zeros((p, p)),
+        window_square=np.zeros(p),
+        window_row=np.zeros(p),
+        window_left=np.zeros(p),
+        window_change=np.zeros(p),
         sensitivity=np.zeros((groups, effectors, p, m)),
         cross=np.zeros((rows, effectors)),
         unexplained=np.zeros(effectors),

@@ -193,6 +193,28 @@ class BankState(NamedTuple):
     """(r, p) sums of quick outputs times the quick regressors; their squares at the constant's place."""
     step_back: Array
     """(c,) by what the deflections would differ if they were taken back `BankSettings.late` samples more."""
+    window_sums: Array
+    """(k, p, p) sums of products of the regressors in each of the last blocks, lower triangle, a ring."""
+    window_outputs: Array
+    """(k, p, r) the same of the regressors with the outputs."""
+    window_block: Integers
+    """(k,) which block each holds, from 1 on; 0: none."""
+    window_key: Integers
+    """(2,) sample and group of what follows."""
+    window_matrix: Array
+    """(p, p) the sums of all blocks that the group has seen, less their means, lower triangle; their number first."""
+    window_mean: Array
+    """(p,) of the regressors in these."""
+    window_factor: Array
+    """(p, p) Cholesky factor of that, from 1 on, pivots inverted."""
+    window_square: Array
+    """(p,) variances of the effectors' effects by it, in units of the residual's."""
+    window_row: Array
+    """(p,) scratch, as the next one."""
+    window_left: Array
+    """(p,)"""
+    window_change: Array
+    """(p,) squares by which a row's effects may have changed."""
     sensitivity: Array
     """(g, c, p, m) what the members make of that: derivative of estimates by the delay, constant first, `bank.lags`."""
     cross: Array

@@ -26,7 +26,8 @@ estimate is kept with its error, time and place in the envelope, and serves as l
 
 To both is added a quarter of the square by which the member that remembers the last second and a half contradicts the
 estimate beyond two of its standard errors: what dither alone shows of a change counts little in the evidence, but it
-must not be hidden.
+must not be hidden. By what the last eight seconds contradict that of an effector's effect, what is published is wider
+besides (`bank.changes`).
 
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
@@ -50,6 +51,7 @@ import math
 
 from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
+from msls_ros.estimation.bank.changes import find_changes
 from msls_ros.estimation.bank.correction import correct
 from msls_ros.estimation.bank.effector_noise import measured_noise
 from msls_ros.estimation.bank.elsewhere import (
@@ -431,6 +433,7 @@ def bank_errors(
     leader = leading_member(x, q, products)
     if direct_squares(s, x, q, leader, noise, products, bias, errors):
         correct(s, x, q, leader, noise, bias, errors)
+    find_changes(s, x, q)
     sum_square = 0.0
     for i in range(p):
         value = x.mixed[q, i] + x.shift[q, i] - x.best_correction[q, i]
@@ -441,7 +444,8 @@ def bank_errors(
         errors[i] = min(errors[i], carried) if is_learnt(s, x, q, i, leader) else carried
     for i in range(p):
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
-        square = power * power * (errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i))
+        square = errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i) + x.window_change[i]
+        square *= power * power
         if source > 0:
             own = part / power_of(s, source, ratio_of(x))
             square += own * own * measured_noise(s, x, source - 1, noise[source - 1])
