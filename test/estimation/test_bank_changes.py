@@ -8,7 +8,7 @@ import pytest
 from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
 
 RATE, CALM, LOST, END = 50, 20, 25, 40
-"""[Hz]; inputs end, half of the elevator is lost, and the flight ends [s]."""
+"""[Hz]; inputs end, the elevator is lost (or most of it), and the flight ends [s]."""
 A = np.array([[-1.0, 80.0], [-0.03, -1.5]])
 B = np.array([-8.0, -10.0])
 NOISE = np.array([0.1, 0.15])
