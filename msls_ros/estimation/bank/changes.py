@@ -102,10 +102,18 @@ def find_changes(s: BankSettings, x: BankState, q: int) -> None:
 
 @compiled
 def is_seen(s: BankSettings, x: BankState, g: int, slot: int) -> bool:
-    """Whether a block is one of the last ones, and group g has seen all of it."""
+    """Whether a block is one of the last ones, and group g has seen all of it since what it knows of last changed."""
     block = x.window_block[slot] - 1
     oldest = (x.samples[0] - 1) // s.window - BLOCKS + 1
-    return bool(block >= oldest and block * s.window >= x.samples[0] - x.age[g])
+    begun = max(x.samples[0] - x.age[g], x.window_begun[g])
+    return bool(block >= oldest and block * s.window >= begun)
+
+
+@compiled
+def begin_window(s: BankSettings, x: BankState, g: int) -> None:
+    """Let no sample of before now be held against group g: a loss has been applied to it (`bank.forgetting`)."""
+    x.window_begun[g] = x.samples[0] + s.straddle
+    x.window_key[0] = -1
 
 
 @compiled

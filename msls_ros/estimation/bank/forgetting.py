@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.changes import begin_window
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, effect_of, noise_of, square_of_effect
 from msls_ros.estimation.bank.members import find_information
@@ -73,6 +74,7 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
         for m in range(s.forgetting.shape[0]):
             forget_direction(s, x.R[target], m, k, mean, precision, work)
         find_information(x.R[target], work.V, x.info[target])
+        begin_window(s, x, target)
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0

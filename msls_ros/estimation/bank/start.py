@@ -148,6 +148,7 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         window_outputs=np.zeros((BLOCKS, p, rows)),
         window_block=np.zeros(BLOCKS, np.int64),
         window_key=np.zeros(2, np.int64),
+        window_begun=np.zeros(groups, np.int64),
         window_matrix=np.zeros((p, p)),
         window_mean=np.zeros(p),
         window_factor=np.zeros((p, p)),

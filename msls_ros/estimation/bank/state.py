@@ -201,6 +201,8 @@ class BankState(NamedTuple):
     """(k,) which block each holds, from 1 on; 0: none."""
     window_key: Integers
     """(2,) sample and group of what follows."""
+    window_begun: Integers
+    """(g,) sample before which nothing counts for a group: a loss has been applied to it then; 0: none has."""
     window_matrix: Array
     """(p, p) the sums of all blocks that the group has seen, less their means, lower triangle; their number first."""
     window_mean: Array
