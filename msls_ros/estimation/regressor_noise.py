@@ -17,8 +17,9 @@ A gust changes over seconds, and in the first of them hardly shows: with n indep
 the variance counts ``n / (n - 2)`` times. D holds the noise of the derivative as well, which grows as L^2 while that is
 correlated. Gyros have no gusts, and their noise is white for the most part, so for rates a short window will do.
 
-How much of it is white noise says the covariance of one step's difference with the last one: white noise is in both,
-once with either sign, and a gust, whose steps are new ones each time, is not::
+What of a gust acts on the aircraft, and is no noise, says `bank.gusts`. How much of D is white noise says the
+covariance of one step's difference with the last one: white noise is in both, once with either sign, and a gust, whose
+steps are new ones each time, is not::
 
     d_k = x_k - x_(k-1) - (xdot_k + xdot_(k-1)) dt/2,      sigma_white^2 = - mean d_k d_(k-1)
 
@@ -70,6 +71,28 @@ FEW = 0.02
 
 GAP = 2.0
 """A step of time longer than this many of the last one interrupts the window."""
+
+
+@passed_by_reference
+class RegressorNoise(NamedTuple):
+    """What is known of the noise in the states at each of n samples; v states."""
+
+    variance: Array
+    """(n, v) of all that is left in the regressors [state^2]."""
+    white: Array
+    """(n, v) of that which is white noise of the sensor's own."""
+    believed: Array
+    """(n, v) K, the share of a measurement beyond the integral that `state_filter` has believed; 1: all of it."""
+    shown: Array
+    """(n, v) as much of ``variance`` as has shown: without what is added for few windows."""
+    defect: Array
+    """(n, v) D, about its mean and about what goes with C; 0 while no window is full [state]."""
+
+
+def make_noise(samples: int, states: int) -> RegressorNoise:
+    """Allocate for so many samples: no noise."""
+    none = np.zeros((4, samples, states))
+    return RegressorNoise(none[0], none[1], np.ones((samples, states)), none[2], none[3])
 
 
 @passed_by_reference
@@ -147,7 +170,7 @@ def observe_defect(
     xdot: Array,
     delta: Array,
     columns: Integers,
-    noise: Array,
+    noise: RegressorNoise,
     aligned: Array,
 ) -> None:
     """Take samples; ``defect.variance`` and how late states are, ``defect.delay.late``, follow.
@@ -165,8 +188,7 @@ def observe_defect(
     columns
         (v,) where the states stand.
     noise
-        (n, 4 v) out: variance of their noise after each sample, that of white noise; in the last v what has shown of
-        the first, without what is added for few windows.
+        Out, but for ``believed``.
     aligned
         (n, states) in and out: the states, of which those that are late are put in step with their derivatives.
     """
@@ -185,11 +207,10 @@ def observe_defect(
             aligned[k, columns[j]] = align(defect.delay, j, v, a, a - defect.last[1, j], since)
             if defect.filled[0] >= 0:
                 integrate(defect, j, v, a, step)
-            if full:
-                compare(defect, j, a, step, gain)
-            noise[k, j] = noise_of(defect, j, v, gain)
-            noise[k, count + j] = max(-defect.lagged[1, j], 0.0)
-            noise[k, 3 * count + j] = 0.5 * defect.variance[j] if defect.number[0] > 0 else 0.0
+            noise.defect[k, j] = compare(defect, j, a, step, gain) if full else 0.0
+            noise.variance[k, j] = noise_of(defect, j, v, gain)
+            noise.white[k, j] = max(-defect.lagged[1, j], 0.0)
+            noise.shown[k, j] = 0.5 * defect.variance[j] if defect.number[0] > 0 else 0.0
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
             defect.last[0, j] = v
@@ -244,7 +265,7 @@ def observe_step(defect: Defect, j: int, d: float, step: float) -> None:
 
 
 @compiled
-def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> None:
+def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> float:
     """Update what D and C of state j are in the mean, and how late it is, with a whole window.
 
     Parameters
@@ -259,6 +280,11 @@ def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> None:
         Since the last sample [s].
     gain
         Weight of this window in the means [1].
+
+    Returns
+    -------
+    float
+        D without its mean and what goes with C.
     """
     size, filled = defect.size[j], defect.filled[0]
     c = a - defect.rates[filled % size, j]
@@ -274,6 +300,7 @@ def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> None:
     if defect.square[j] > 0.0:
         d -= defect.product[j] / defect.square[j] * c
     defect.variance[j] += gain * (d * d - defect.variance[j])
+    return float(d)
 
 
 @compiled

@@ -12,7 +12,7 @@ from msls_ros.estimation.engine import Engine
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.kinematics import build_regression, find_forces, find_states
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, make_noise, observe_defect
 from msls_ros.estimation.screening import Screened
 from msls_ros.estimation.soundness import all_within
 from msls_ros.estimation.state import Output
@@ -83,7 +83,7 @@ class Preparation:
         if learnt and count > 0:
             regressed = x
             if isinstance(self._engine, BankRegression):
-                noise, regressed = np.ones((count, 4 * len(self._kept))), x.copy()
+                noise, regressed = make_noise(count, len(self._kept)), x.copy()
                 observe_defect(self._defect, time, x, xdot, delta, self._kept, noise, regressed)
                 self._engine.observe(time, noise)
             build_regression(regressed, xdot, delta, self._kept, self._forces, self._states, self._turning, phi, y)

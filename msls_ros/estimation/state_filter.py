@@ -37,7 +37,7 @@ import numpy as np
 
 from msls_ros.estimation.compiled import compiled, passed_by_reference
 from msls_ros.estimation.kernel import Array, Integers
-from msls_ros.estimation.regressor_noise import GAP, MEMORY, OVERLAP
+from msls_ros.estimation.regressor_noise import GAP, MEMORY, OVERLAP, RegressorNoise
 
 TRUSTED = 0.5
 """By how much the state may seem another multiple of its integrated derivative, with two standard errors, at most [1].
@@ -135,7 +135,9 @@ def clear_filter(f: Filter) -> None:
 
 
 @compiled
-def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Integers, noise: Array, found: Array) -> None:
+def filter_states(
+    f: Filter, time: Array, x: Array, xdot: Array, columns: Integers, noise: RegressorNoise, found: Array
+) -> None:
     """Filter the velocities of samples, and say what noise is left; see the module.
 
     Parameters
@@ -149,8 +151,7 @@ def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Intege
     columns
         (v,) where the states stand.
     noise
-        (n, 4 v) of their noise, as `observe_defect` fills it in: variances become those of what the filter leaves. Out,
-        at 2 v: K, the share of a measurement beyond the integral that is believed.
+        As `observe_defect` fills it in: variances become those of what the filter leaves; ``believed`` is filled in.
     found
         (n, p) out: the states, filtered, in the first v columns.
     """
@@ -169,7 +170,7 @@ def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Intege
                 integral = step * ((0.5 + part) * a + (0.5 - part) * f.last[1, j])
                 observe_step(f, j, v, a, step, part)
                 white = max(-f.lagged[1, j], 0.0)
-                share = share_of_measured(f, j, white, noise[k, j], step)
+                share = share_of_measured(f, j, white, noise.variance[k, j], step)
                 f.filtered[j] = share * v + (1.0 - share) * (f.filtered[j] + integral)
             else:
                 f.total[j] = 0.0
@@ -177,11 +178,11 @@ def filter_states(f: Filter, time: Array, x: Array, xdot: Array, columns: Intege
                 f.filtered[j] = v
             f.last[0, j] = v
             f.last[1, j] = a
-            white = min(white, noise[k, j])
-            noise[k, j] -= (1.0 - share) * white
-            noise[k, 3 * count + j] = max(noise[k, 3 * count + j] - white, 0.0) + share * white
-            noise[k, count + j] *= share / (2.0 - share)
-            noise[k, 2 * count + j] = share
+            white = min(white, noise.variance[k, j])
+            noise.variance[k, j] -= (1.0 - share) * white
+            noise.shown[k, j] = max(noise.shown[k, j] - white, 0.0) + share * white
+            noise.white[k, j] *= share / (2.0 - share)
+            noise.believed[k, j] = share
             found[k, j] = f.filtered[j]
         if f.filled[0] >= f.steps.shape[0]:
             f.number[0] += 1

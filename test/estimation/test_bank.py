@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "2791dda502cdbad1e3d5eb2ad136cab5"
+PINNED = "1bf90f06435c77d83d4c60d78782428a"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

@@ -13,7 +13,7 @@ from msls_ros.estimation.bank.correction import correct
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.uncertainty import direct_squares, leading_member
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, make_noise, observe_defect
 from msls_ros.inputs.derivatives import usual_intervals
 
 RATE, SPEED = 50, 30.0
@@ -171,9 +171,9 @@ def test_white_noise_of_a_state_is_what_the_next_step_takes_back_and_no_gust() -
     time = np.arange(n) / RATE
     gust = np.cumsum(random.normal(size=n)) * 0.2
     x = np.column_stack([gust, gust + 0.5 * random.normal(size=n), 0.5 * random.normal(size=n)])
-    defect, out = make_defect(("u", "v", "w"), 0, float(RATE)), np.zeros((n, 12))
+    defect, out = make_defect(("u", "v", "w"), 0, float(RATE)), make_noise(n, 3)
     clear_defect(defect)
     observe_defect(defect, time, x, np.zeros((n, 3)), np.zeros((n, 0)), np.arange(3), out, x.copy())
-    found = np.median(out[200:], axis=0)
-    assert found[3] < 0.1 * found[0], "a gust is noise between state and derivative, and not white"
-    assert found[4:6] == pytest.approx(0.25, rel=0.3)
+    found, white = np.median(out.variance[200:], axis=0), np.median(out.white[200:], axis=0)
+    assert white[0] < 0.1 * found[0], "a gust is noise between state and derivative, and not white"
+    assert white[1:] == pytest.approx(0.25, rel=0.3)

@@ -15,7 +15,7 @@ from msls_ros.estimation.bank.effector_noise import entering_part, observe_quant
 from msls_ros.estimation.bank.fed_noise import follows_noise
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, make_noise, observe_defect
 from msls_ros.inputs.derivatives import DerivativeFilter
 
 EFFECT = 8.0
@@ -234,7 +234,7 @@ def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0
     n = 500
     time = PERIOD * np.arange(n, dtype=np.float64)
     x = np.sin(3.0 * (time - skew))[:, None] + noise * math.sqrt(3.0) * uniform(n, 1, 71)
-    defect, out = make_defect((name,), 0, 1.0 / PERIOD), np.zeros((n, 4))
+    defect, out = make_defect((name,), 0, 1.0 / PERIOD), make_noise(n, 1)
     clear_defect(defect)
     keep = math.exp(-PERIOD / 0.3)
     fresh = drift * math.sqrt(3.0 * (1.0 - keep * keep)) * uniform(n, 1, 72)
@@ -242,7 +242,7 @@ def noise_in_states(skew: float, noise: float, name: str = "w", drift: float = 0
     for k in range(1, n):
         fresh[k] += keep * fresh[k - 1]
     observe_defect(defect, time, x, slope + fresh, np.zeros((n, 0)), np.zeros(1, np.int64), out, x.copy())
-    return math.sqrt(float(out[-1, 0]))
+    return math.sqrt(float(out.variance[-1, 0]))
 
 
 def test_a_state_that_is_measured_a_moment_after_its_derivative_is_not_noisy() -> None:
@@ -452,8 +452,9 @@ def test_all_a_state_has_done_may_be_noise_until_a_window_has_shown_how_much_is(
     t, x = 0.01 * np.arange(n, dtype=np.float64), 0.3 * uniform(n, 1, 7)
     defect = make_defect(("w",), 0, 100.0)
     clear_defect(defect)
-    found = np.zeros((n, 4))
-    observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros((n, 0)), np.zeros(1, np.int64), found, x.copy())
+    noise = make_noise(n, 1)
+    observe_defect(defect, t, x, np.zeros((n, 1)), np.zeros((n, 0)), np.zeros(1, np.int64), noise, x.copy())
+    found = noise.variance
     assert found[20, 0] == pytest.approx(np.var(x[:21]), rel=1e-9)
     assert found[39, 0] == pytest.approx(np.var(x[:40]), rel=1e-9)
     assert found[199, 0] == pytest.approx(np.var(x), rel=0.5)

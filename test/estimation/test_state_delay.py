@@ -7,7 +7,7 @@ import pytest
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.regressor_noise import clear_defect, make_defect, make_noise, observe_defect
 
 RATE = 50.0
 A = np.array([[-2.0, 25.0], [-0.8, -3.0]])
@@ -56,7 +56,7 @@ def find(samples: Flight) -> tuple[float, Array]:
     defect = make_defect(("w", "Q"), 1, RATE)
     clear_defect(defect)
     aligned = x.copy()
-    observe_defect(defect, time, x, slopes, delta, np.arange(2), np.zeros((len(x), 8)), aligned)
+    observe_defect(defect, time, x, slopes, delta, np.arange(2), make_noise(len(x), 2), aligned)
     assert defect.delay.late[1] == 0.0 and (aligned[:, 1] == x[:, 1]).all(), "an angular rate is left as it is"
     return float(defect.delay.late[0]), aligned[:, 0]
 

@@ -10,7 +10,7 @@ from estimation.test_bank_correction import NAMES, A, B, fly
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.kernel import Array
-from msls_ros.estimation.regressor_noise import clear_defect, make_defect, observe_defect
+from msls_ros.estimation.regressor_noise import RegressorNoise, clear_defect, make_defect, make_noise, observe_defect
 from msls_ros.estimation.state_filter import Filter, clear_filter, filter_states, make_filter
 
 RATE = 50.0
@@ -19,8 +19,8 @@ SECONDS = 60.0
 
 def filtered(
     x: Array, xdot: Array, names: tuple[str, ...] = ("w",), time: Array | None = None
-) -> tuple[Array, Array, Filter]:
-    """Return the states (n, v) as they are learnt from, and (n, 4 v) what is said of their noise, and the filter."""
+) -> tuple[Array, RegressorNoise, Filter]:
+    """Return the states (n, v) as they are learnt from, what is said of their noise, and the filter."""
     n, count = x.shape
     columns = np.arange(count)
     time = np.arange(n) / RATE if time is None else time
@@ -28,7 +28,7 @@ def filtered(
     clear_defect(defect)
     one = make_filter(defect.size, defect.delay.velocity)
     clear_filter(one)
-    noise, aligned, found = np.zeros((n, 4 * count)), x.copy(), np.zeros((n, count))
+    noise, aligned, found = make_noise(n, count), x.copy(), np.zeros((n, count))
     observe_defect(defect, time, x, xdot, np.zeros((n, 0)), columns, noise, aligned)
     filter_states(one, time, aligned, xdot, columns, noise, found)
     return found, noise, one
@@ -55,7 +55,7 @@ def test_white_noise_is_taken_off_as_far_as_is_said(noise: float) -> None:
         found, about, _ = filtered(x + noise * random.normal(size=x.shape), xdot + 0.1 * random.normal(size=x.shape))
         late = slice(len(x) // 2, None)
         errors.append(np.mean((found - x)[late] ** 2))
-        said.append(np.mean(about[late, 0]))
+        said.append(np.mean(about.variance[late, 0]))
     assert math.sqrt(np.mean(errors)) < 0.5 * noise
     assert np.mean(errors) < 1.3 * np.mean(said)
 
@@ -75,7 +75,7 @@ def test_without_noise_nothing_changes(held: bool) -> None:
     x, xdot = motion(held=held)
     found, about, _ = filtered(x, xdot)
     assert np.abs(found - x).max() < 1e-3 * np.std(x)
-    assert about[1000:, 0].max() < 1e-4 * np.var(x)
+    assert about.variance[1000:, 0].max() < 1e-4 * np.var(x)
 
 
 @pytest.mark.parametrize("factor", [0.0, -1.0, 9.81, math.pi / 180.0])
@@ -84,7 +84,7 @@ def test_what_is_not_the_integral_of_its_derivative_is_left_as_it_is(factor: flo
     x = x + 0.3 * np.random.default_rng(2).normal(size=x.shape)
     found, about, _ = filtered(x, factor * xdot)
     assert (found == x).all()
-    assert (about[1:, 2] == 1.0).all()
+    assert (about.believed[1:, 0] == 1.0).all()
 
 
 def test_rates_are_left_as_they_are() -> None:

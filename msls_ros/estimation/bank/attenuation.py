@@ -33,6 +33,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank.effector_noise import entering_part, state_noise
+from msls_ros.estimation.bank.gusts import noise_part
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.speed import power_of, ratio_of
 from msls_ros.estimation.bank.state import BankState
@@ -76,6 +77,9 @@ def attenuation(s: BankSettings, x: BankState, q: int, m: int, noise: Array, b: 
         variance = noise_in(s, x, g, n, m, noise)
         if variance <= NOTICED * x.info[g, n, m]:
             continue
+        variance = noise_of_row(s, x, q, n, m, variance)
+        if variance <= NOTICED * x.info[g, n, m]:
+            continue
         if not solved:
             invert(x.R[g], m, x.columns)
             solved = True
@@ -100,6 +104,20 @@ def noise_in(s: BankSettings, x: BankState, g: int, n: int, m: int, noise: Array
     if s.effectors_from < n <= s.effectors_to:
         return float(x.taken[g, m] * x.third_noise[n - s.effectors_from - 1])
     return 0.0
+
+
+@compiled
+def noise_of_row(s: BankSettings, x: BankState, q: int, n: int, m: int, variance: float) -> float:
+    """Return as much of ``variance``, `noise_in` regressor n, as is noise to row q: gusts are none (`bank.gusts`).
+
+    Of what is found with gusts and all `ATTENUATED` of the squared bias counts, of what is left without them all of it.
+    """
+    if n > s.effectors_from:
+        return variance
+    g, number = x.group[q], x.taken[x.group[q], m]
+    white = min(max(x.noisy_white[g, n - 1, m], number * x.white_noise[n - 1]), variance)
+    part = noise_part(s, x, q, n - 1, (variance - white) / max(number, 1.0))
+    return float(white + min(part / math.sqrt(ATTENUATED), 1.0) * (variance - white))
 
 
 @compiled

@@ -44,7 +44,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank.answers import MEDIAN
-from msls_ros.estimation.bank.attenuation import ATTENUATED, LEAST, NOTICED, noise_in, turned_part
+from msls_ros.estimation.bank.attenuation import ATTENUATED, LEAST, NOTICED, noise_in, noise_of_row, turned_part
 from msls_ros.estimation.bank.effector_noise import entering_part
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
@@ -80,7 +80,7 @@ def correct(s: BankSettings, x: BankState, q: int, m: int, noise: Array, bias: A
         left[j] = 0.0
         theta[j] = x.mixed[q, j]
     for n in range(1, p):
-        variance = noise_in(s, x, x.group[q], n, m, noise)
+        variance = noise_of_row(s, x, q, n, m, noise_in(s, x, x.group[q], n, m, noise))
         x.removed[n] = 0.0
         if variance <= NOTICED * x.info[x.group[q], n, m]:
             continue

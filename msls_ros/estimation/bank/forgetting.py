@@ -182,6 +182,7 @@ def copy_group(x: BankState, g: int, target: int) -> None:
     for i in range(x.R.shape[1]):
         copy_rows(x.R[g, i], x.R[target, i])
     copy_rows(x.noisy[g], x.noisy[target])
+    copy_rows(x.noisy_white[g], x.noisy_white[target])
     copy_rows(x.centre[g], x.centre[target])
     copy_rows(x.info[g], x.info[target])
     for j in range(x.sensitivity.shape[1]):

@@ -25,6 +25,7 @@ from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regressor_noise import RegressorNoise, make_noise
 from msls_ros.estimation.soundness import SOUND
 from msls_ros.estimation.state import Output, forget_sample, make_output
 
@@ -50,7 +51,7 @@ class BankRegression:
         self.noise = np.zeros(rows)
         """(r,) variance of the noise in the states, the first regressors, as these; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
-        self._observed = np.zeros(0), np.zeros((0, 4 * rows))
+        self._observed = np.zeros(0), make_noise(0, rows)
         self._advance = Bound(advance_bank)
         self.reset()
 
@@ -154,21 +155,17 @@ class BankRegression:
     def advance_into(self, out: Output, phi: Array, y: Array, start: int, stop: int) -> int:
         """Take samples from ``start`` on; return the index after the last one taken; as `Regression.advance_into`."""
         if len(self._observed[0]) != len(phi):
-            self._observed = np.zeros(len(phi)), np.zeros((len(phi), 4 * y.shape[1]))
+            self._observed = np.zeros(len(phi)), make_noise(len(phi), y.shape[1])
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
-        ratio = float(self.state.speed[1]) if self.state.speed[1] > 0.0 else 1.0
-        powers = 1.0, ratio, ratio * ratio  # as `power_of` and `ratio_of`, which would be handed the state row by row
-        observed = self._observed[1][done - 1, : len(self.noise)].tolist()
-        for q, (one, exponent) in enumerate(zip(observed, self.settings.exponent[1:].tolist(), strict=False)):
-            self.noise[q] = one * powers[exponent] ** 2
+        self.noise[:] = self._work.noise
         if out.restart[done - 1] != SOUND:
             self.reset()
             forget_sample(out, done - 1)
         return done
 
-    def observe(self, time: Array, noise: Array) -> None:
-        """Take time, (n,) [s], and noise, (n, 4 r) as of `filter_states`, of the samples that come next."""
+    def observe(self, time: Array, noise: RegressorNoise) -> None:
+        """Take time, (n,) [s], and what is known of the noise in the states, of the samples that come next."""
         self._observed = time, noise
 
     @property

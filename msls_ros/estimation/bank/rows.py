@@ -22,6 +22,7 @@ from msls_ros.estimation.bank.effector_noise import (
 )
 from msls_ros.estimation.bank.energy import observe_energy
 from msls_ros.estimation.bank.forgetting import apply_loss, keep_states
+from msls_ros.estimation.bank.gusts import forget_gusts, observe_gusts
 from msls_ros.estimation.bank.lags import KEEP, observe_inputs
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import observe_regressors
@@ -47,6 +48,7 @@ from msls_ros.estimation.bank.uncertainty import keep_best, square_of_change
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
+from msls_ros.estimation.regressor_noise import RegressorNoise
 from msls_ros.estimation.soundness import (
     LARGEST_ESTIMATE,
     LARGEST_VARIANCE,
@@ -85,7 +87,7 @@ def advance_bank(
     work: BankWork,
     out: Output,
     time: Array,
-    noise: Array,
+    noise: RegressorNoise,
 ) -> int:
     """Take samples until one alarms or all are taken; return the index after the last one taken.
 
@@ -101,9 +103,10 @@ def advance_bank(
         Scratch.
     out
         What happened, per sample.
-    time, noise
-        (n,) [s], and (n, 4 r) of the noise in the states: variance, that of what is white, K of `state_filter`, and
-        what of the first has shown.
+    time
+        (n,) [s].
+    noise
+        In the states.
     """
     p = phi.shape[1]
     for n in range(start, stop):
@@ -112,12 +115,7 @@ def advance_bank(
             work.phi[i + 1] = phi[n, i]
         observe_quanta(s, x, phi[n])
         scale_regressors(s, x, work.phi)
-        for q in range(y.shape[1]):
-            unit = power_of(s, q + 1, ratio_of(x))
-            work.noise[q] = noise[n, q] * unit * unit
-            x.white_states[q] = noise[n, y.shape[1] + q] * unit * unit
-            x.measured[q] = noise[n, 2 * y.shape[1] + q]
-            work.shown[q] = noise[n, 3 * y.shape[1] + q] * unit * unit
+        take_noise(s, x, noise, n, work)
         if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)
@@ -147,7 +145,10 @@ def advance_bank(
         update_rows(s, x, work.y, work)
         keep_reference(s, x)
         keep_sample(x, work.phi, work.y)
-        observe_window(s, x, work.phi, work.y)
+        for i in range(p):
+            work.extended[i] = work.phi[i]
+        observe_window(s, x, work.extended, work.y)
+        observe_gusts(s, x)
         x.samples[0] += 1
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
@@ -165,6 +166,24 @@ def advance_bank(
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop
+
+
+@compiled
+def take_noise(s: BankSettings, x: BankState, noise: RegressorNoise, n: int, work: BankWork) -> None:
+    """Take what is known of the noise in the states at sample n, scaled as regressors, and the regressors with D."""
+    for q in range(work.noise.shape[0]):
+        unit = power_of(s, q + 1, ratio_of(x))
+        square = unit * unit
+        work.noise[q] = noise.variance[n, q] * square
+        work.shown[q] = noise.shown[n, q] * square
+        work.white[q] = min(noise.white[n, q] * (2.0 - noise.believed[n, q]) * square, work.shown[q])
+        x.white_states[q] = noise.white[n, q] * square
+        x.measured[q] = noise.believed[n, q]
+        x.white_noise[q] = work.white[q]
+    p = work.phi.shape[0]
+    for j in range(s.velocities.shape[0]):
+        i = s.velocities[j]
+        work.extended[p + j] = noise.defect[n, i - 1] * power_of(s, i, ratio_of(x))
 
 
 @compiled
@@ -294,6 +313,7 @@ def begin_anew(s: BankSettings, x: BankState, phi: Array) -> None:
     A name that is awaited is not spoken: what was known before the alarm was of those of before.
     """
     forget_delays(s, x, phi)
+    forget_gusts(x)
     clear_factors(s, x, 0)
     x.waiting[0] = 0
     x.kept[1] = x.kept[0]

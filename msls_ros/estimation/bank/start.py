@@ -36,6 +36,7 @@ def _estimates(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         log=np.zeros((groups, m)),
         taken=np.zeros((groups, m)),
         noisy=np.zeros((groups, rows, m)),
+        noisy_white=np.zeros((groups, rows, m)),
         centre=np.zeros((groups, p, m)),
         kept_info=np.zeros((groups, p)),
         age=np.zeros(groups, np.int64),
@@ -99,6 +100,8 @@ def _detection(s: BankSettings, rows: int) -> dict[str, Any]:
 def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
     """Allocate lags and delays between deflections and outputs."""
     p, m = s.prior.shape
+    v = len(s.velocities)
+    w = p + v
     effectors = s.effectors_to - s.effectors_from
     others = len(s.responses) - len(s.lags) + 1
     early = int(-s.responses[:others, 1].min())
@@ -144,9 +147,20 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         answer=np.zeros((rows, effectors)),
         steps=np.zeros((effectors, effectors)),
         step_back=np.zeros(effectors),
-        window_sums=np.zeros((BLOCKS, p, p)),
-        window_outputs=np.zeros((BLOCKS, p, rows)),
+        window_sums=np.zeros((BLOCKS, w, w)),
+        window_outputs=np.zeros((BLOCKS, w, rows)),
         window_block=np.zeros(BLOCKS, np.int64),
+        gust_sums=np.zeros((w, w)),
+        gust_outputs=np.zeros((w, rows)),
+        gust_mean=np.zeros(w),
+        gust_factor=np.zeros((w, w)),
+        gust_left=np.zeros(w),
+        gust_theta=np.zeros((rows, w)),
+        gust_direction=np.zeros((v, w)),
+        gust_scatter=np.zeros((rows, v)),
+        gust_effect=np.zeros((rows, v)),
+        gust_bias=np.zeros((rows, v)),
+        gust_blocks=np.zeros(1, np.int64),
         window_key=np.zeros(2, np.int64),
         window_begun=np.zeros(groups, np.int64),
         window_matrix=np.zeros((p, p)),
@@ -203,6 +217,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         state_median=np.zeros(rows),
         measured=np.zeros(rows),
         white_states=np.zeros(rows),
+        white_noise=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),
         effect=np.zeros((rows, effectors)),
@@ -281,6 +296,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
     x.known[:] = 1.0
     x.widened[:] = 1.0
+    x.gust_effect[:] = math.inf
     x.carried[:] = math.inf
     x.energy_share[:] = 1.0
     x.e[:] = math.nan
@@ -323,3 +339,4 @@ def clear_factor(s: BankSettings, x: BankState, g: int, m: int) -> None:
     x.taken[g, m] = 0.0
     for q in range(x.noisy.shape[1]):
         x.noisy[g, q, m] = 0.0
+        x.noisy_white[g, q, m] = 0.0

@@ -28,6 +28,8 @@ class BankState(NamedTuple):
     """(g, m) sum of the weights of the samples in the factor."""
     noisy: Array
     """(g, r, m) weighted sums of the variances of the noise in the states, as it showed in those samples."""
+    noisy_white: Array
+    """(g, r, m) the same of what is white noise of their sensors."""
     centre: Array
     """(g, p, m) weighted means of the states over what each member remembers, constant first."""
     kept_info: Array
@@ -217,6 +219,28 @@ class BankState(NamedTuple):
     """(p,)"""
     window_change: Array
     """(p,) squares by which a row's effects may have changed."""
+    gust_sums: Array
+    """(p + v, p + v) the sums of the blocks of the last minute, lower triangle, see `bank.gusts`."""
+    gust_outputs: Array
+    """(p + v, r) the same of the regressors with the outputs."""
+    gust_mean: Array
+    """(p + v,) of the regressors."""
+    gust_factor: Array
+    """(p + v, p + v) Cholesky factor of the sums without means, from 1 on, pivots inverted."""
+    gust_left: Array
+    """(p + v,) scratch."""
+    gust_theta: Array
+    """(r, p + v) least squares by these, constant first, gamma last."""
+    gust_direction: Array
+    """(v, p + v) the rows of the inverse of the sums without means that say gamma."""
+    gust_scatter: Array
+    """(r, v) sum of the squares by which blocks have moved gamma, over its information."""
+    gust_effect: Array
+    """(r, v) the most that noise has of a velocity's effect; infinite: not known."""
+    gust_bias: Array
+    """(r, v) the most bias by it, effect times variance."""
+    gust_blocks: Integers
+    """(1,) how many blocks were full."""
     sensitivity: Array
     """(g, c, p, m) what the members make of that: derivative of estimates by the delay, constant first, `bank.lags`."""
     cross: Array
@@ -294,6 +318,8 @@ class BankState(NamedTuple):
     """(r,) K of `state_filter` [1]; 0: they are as measured."""
     white_states: Array
     """(r,) variance of white noise in the states, as regressors, where derivatives are measured."""
+    white_noise: Array
+    """(r,) variance of what is left of it in the states as regressors, with what the filter has made of it."""
     third_noise: Array
     """(c,) variance of the noise in the deflections."""
     answered: Integers
