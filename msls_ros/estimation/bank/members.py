@@ -71,7 +71,7 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
             noisy[m] = (1.0 - work.loss[m]) * noisy[m] + work.weight[m] * work.shown[q]
         noisy = x.noisy_white[g, q]
         for m in range(members):
-            noisy[m] = (1.0 - work.loss[m]) * noisy[m] + work.weight[m] * work.white[q]
+            noisy[m] = (1.0 - work.loss[m]) * noisy[m] + work.weight[m] * x.white_noise[q]
     for i in range(1, s.effectors_from + 1):
         centre = x.centre[g, i]
         for m in range(members):

@@ -176,10 +176,9 @@ def take_noise(s: BankSettings, x: BankState, noise: RegressorNoise, n: int, wor
         square = unit * unit
         work.noise[q] = noise.variance[n, q] * square
         work.shown[q] = noise.shown[n, q] * square
-        work.white[q] = min(noise.white[n, q] * (2.0 - noise.believed[n, q]) * square, work.shown[q])
+        x.white_noise[q] = min(noise.white[n, q] * (2.0 - noise.believed[n, q]) * square, work.shown[q])
         x.white_states[q] = noise.white[n, q] * square
         x.measured[q] = noise.believed[n, q]
-        x.white_noise[q] = work.white[q]
     p = work.phi.shape[0]
     for j in range(s.velocities.shape[0]):
         i = s.velocities[j]

@@ -25,8 +25,6 @@ class BankWork(NamedTuple):
     """(r,) variance of the noise in the states, as regressors."""
     shown: Array
     """(r,) as much of that as has shown, gusts and all."""
-    white: Array
-    """(r,) as much of that as is white noise of the sensors."""
     extended: Array
     """(p + v,) the regressors, and D of the velocities, see `bank.gusts`."""
     w: Array
@@ -115,7 +113,6 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         noise=np.zeros(rows),
         shown=np.zeros(rows),
         extended=np.zeros(p + len(s.velocities)),
-        white=np.zeros(rows),
         w=np.zeros(p),
         squares=np.zeros(p),
         row=np.zeros((p, m)),
