@@ -24,6 +24,14 @@ _CLIPPED = 0.02
 """Share of samples at the end of the range from which it is called saturated."""
 _REST, _STEPS = 3, 0.8
 """Samples of a rest, and share of the arrivals at an end that come from one, by which an input is one of steps."""
+SPEEDS = (0.4, 2.5)
+"""Speeds over `reference_speed` between which they are of one aircraft, from its stall to its dive."""
+UNITS_OF_SPEED = {"knots": 0.514444, "km/h": 1.0 / 3.6, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 0.001}
+"""In m/s."""
+_NEAR = 0.3
+"""Logarithm of the ratio to `reference_speed` of a speed in a unit that is named: aircraft are flown so far off it."""
+_FLIES = (1.0, 2500.0)
+"""Speeds between which aircraft fly [m/s]: of air loads at less hardly anything is left, the X-15 reached 2020."""
 _EFFECTORS = "effectors."
 
 
@@ -202,9 +210,14 @@ def speed_of_flight(values: Array) -> float:
 
 def _speed(where: str, values: Array, reference: float) -> Iterator[Finding]:
     speed = speed_of_flight(values)
-    if speed > 0.0 and not 0.4 < speed / reference < 2.5:
+    if speed > 0.0 and not SPEEDS[0] < speed / reference < SPEEDS[1]:
         what = f"flies at {speed:.3g} m/s in the median, reference_speed is {reference:g} m/s"
-        mend = f"reference_speed: {speed:.2g}, where the speed is right"
+        mend = f"reference_speed: {float(f'{speed:.2g}'):g}, where the speed is right"
+        near = [n for n, s in UNITS_OF_SPEED.items() if abs(np.log(s * speed / reference)) < _NEAR]
+        mend += "".join(f", or scale={UNITS_OF_SPEED[n]:.6g} in its line, where it is in {n}" for n in near)
+        if not _FLIES[0] < speed < _FLIES[1]:
+            mend = "no aircraft flies so: check scale and unit in its line"
+            mend += "".join(f"; scale={UNITS_OF_SPEED[n]:.6g}, where it is in {n}" for n in near)
         yield Finding(DOUBTFUL, "reference_speed", where, what, mend)
-    if speed < 1.0:
+    if speed < _FLIES[0]:
         yield Finding(NOTE, "speed", where, f"flies at {speed:.3g} m/s in the median: hardly any air loads")

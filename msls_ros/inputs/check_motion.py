@@ -8,35 +8,34 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
-from itertools import permutations, product
 
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.check_effectors import UNITS_OF_SPEED
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.force_signs import check_force_signs
-from msls_ros.inputs.frames import BODY, EARTH
+from msls_ros.inputs.frames import EARTH
 from msls_ros.inputs.input_map import AIR_DATA, WIND
+from msls_ros.inputs.mends import air_readings, force_readings, limit, mend
 from msls_ros.inputs.misalignment import check_misalignment
 from msls_ros.inputs.motion import Motion, Reading
 from msls_ros.inputs.series import Record, Series, on_grid
 
-LIMITS = {"rates": 0.35, "force": 0.6, "axis": 1.2, "weight": 0.4, "heading": 0.4, "size": 0.35, "upright": 1.0}
-"""Misfit above which an equation does not hold."""
 _MOST = 6000
 _STEP = 0.02
 _LAG = 0.3
 """Delays looked for [s]."""
 _LATE = 0.025
 """Delay worth naming [s]."""
-_RAD = float(np.pi / 180.0)
 _SEEN, _MENDED = 0.03, 0.25
 """A misfit of the forces that is looked at though it is within its limit, and the share that the mend of it leaves."""
 _OFF_NOSE = 5.0
 """By which an aircraft flies off its nose in balanced flight [deg]."""
 _AIRSPEED_OFF, _FLYING = 0.12, 3.0
 """Logarithm of the ratio of two airspeeds that is worth naming; airspeed from which they are compared [m/s]."""
-_SPEEDS = {"knots": 0.514444, "km/h": 1.0 / 3.6, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 0.001}
+_UNSURE = "the motion does not show which; not excluded are"
+_ALONE = "the motion is too small to show it; alone not excluded is"
 _WORDS = {
     "rates": "the attitude does not turn with the rates",
     "force": "the velocity does not change as the accelerometer says",
@@ -48,8 +47,16 @@ _WORDS = {
 }
 
 
-def check_motion(record: Record) -> Iterator[Finding]:
-    """Yield equations of motion that do not hold, with the change that mends them, and delays between the streams."""
+def check_motion(record: Record, reference_speed: float) -> Iterator[Finding]:
+    """Yield equations of motion that do not hold, with the change that mends them, and delays between the streams.
+
+    Parameters
+    ----------
+    record
+        What was read of the log.
+    reference_speed
+        Of the configuration [m/s]: no unit is named by which the aircraft would fly far from it.
+    """
     found = motion_of(record)
     if found is None:
         return
@@ -57,7 +64,7 @@ def check_motion(record: Record) -> Iterator[Finding]:
     now = motion.misfits(reading)
     if not now:
         return
-    bad = {name: value for name, value in now.items() if value > _limit(name)}
+    bad = {name: value for name, value in now.items() if value > limit(name)}
     if "rates" in entries and not any(name.startswith(("rates", "upright")) for name in bad):
         yield from check_misalignment(motion, reading, entries["rates"])
     wind = list(_wind(motion, reading, now))
@@ -70,10 +77,13 @@ def check_motion(record: Record) -> Iterator[Finding]:
         yield from _airspeed(motion, reading)
     if not bad:
         text = ", ".join(f"{name} {value:.2g}" for name, value in now.items())
-        yield Finding(NOTE, "motion", "inputs", f"frames, signs and units agree with the motion (misfits: {text})")
+        faint = [] if wind or signs else list(_faint(motion, reading, entries, reference_speed))
+        which = "the other frames, signs and units" if faint else "frames, signs and units"
+        yield Finding(NOTE, "motion", "inputs", f"{which} agree with the motion (misfits: {text})")
+        yield from faint
         yield from _delays(record, motion, reading, entries, now)
         return
-    mends = mend(motion, reading, entries)
+    mends, sure = mend(motion, reading, entries, reference_speed, bad)
     late = [f for f in _delays(record, motion, reading, entries, now) if not (mends and f.where.endswith(AIR_DATA))]
     if late and all(name.startswith("rates") or name == "force" for name in bad):
         yield from late
@@ -85,7 +95,7 @@ def check_motion(record: Record) -> Iterator[Finding]:
     what = "; ".join(_WORDS[kind] for kind in kinds)
     misfits = ", ".join(f"{name} {value:.2g}" for name, value in bad.items())
     where = mends[0][0] if mends else "inputs"
-    change = ", or ".join(dict.fromkeys(f"{entry}: {words}" for entry, words in mends))
+    change = _alternatives(mends, sure)
     level = WRONG
     if not change:
         change = "no single frame, sign, unit or order mends it: check that these topics belong to one aircraft"
@@ -94,11 +104,39 @@ def check_motion(record: Record) -> Iterator[Finding]:
     yield Finding(level, "motion", where, f"{what} (misfit {misfits}; 0 agrees, 2 unrelated, 4 opposite)", change)
 
 
+def _alternatives(mends: list[tuple[str, str]], sure: bool) -> str:
+    """Return changes as a sentence; empty where there are none."""
+    words = ", or ".join(dict.fromkeys(f"{entry}: {change}" for entry, change in mends))
+    if sure or not words:
+        return words
+    return f"{_UNSURE if len(mends) > 1 else _ALONE}: {words}"
+
+
+def _faint(motion: Motion, reading: Reading, entries: Mapping[str, str], reference_speed: float) -> Iterator[Finding]:
+    """Yield what a flight of small accelerations shows of the velocity: a change that mends it, or that it is not seen.
+
+    Less is made of it than of large ones: gusts, levers and flexing may be as large.
+    """
+    entry = entries.get("velocity")
+    if entry is None or "force" not in entries or motion.wind is not None or "force" in motion.misfits(reading):
+        return
+    faint = motion.misfits(reading, faint=True)
+    off = {name: faint[name] for name in ("force", "size") if faint.get(name, 0.0) > limit(name)}
+    mends, sure = mend(motion, reading, entries, reference_speed, off) if off else ([], True)
+    if mends:
+        misfits = ", ".join(f"{name} {value:.2g}" for name, value in off.items())
+        what = f"{_WORDS[next(iter(off))]}, as far as so gentle a flight shows it (misfit {misfits})"
+        yield Finding(DOUBTFUL, "motion", mends[0][0], what, _alternatives(mends, sure))
+    elif off or "force" not in faint:
+        what = "frame and unit of the velocity are not seen: the flight accelerates too little"
+        yield Finding(NOTE, "motion", entry, what)
+
+
 def _better(
     motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
 ) -> Iterator[Finding]:
     """Yield a mistake in the small forces ahead and to the side, which the weight hides, where a change mends most."""
-    tried = _air(reading) if "airspeed" in entries else _forces(reading, entries["force"])
+    tried = air_readings(reading) if "airspeed" in entries else force_readings(reading, entries["force"])
     best, changed = now["force"], ("", "")
     for other, entry, words in tried:
         misfits = motion.misfits(other)
@@ -117,7 +155,7 @@ def _wind(motion: Motion, reading: Reading, now: Mapping[str, float]) -> Iterato
     readings = {
         "scale=-1: it is where the wind comes from": reading.but(wind_scale=-1.0),
         "north and east are exchanged": reading.but(wind_axes=(1, 0, 2)),
-        **{f"scale={s:.6g}: it is in {unit}": reading.but(wind_scale=s) for unit, s in _SPEEDS.items()},
+        **{f"scale={s:.6g}: it is in {unit}": reading.but(wind_scale=s) for unit, s in UNITS_OF_SPEED.items()},
     }
     tried = {words: motion.misfits(other)["heading"] for words, other in readings.items()}
     change = min(tried, key=lambda words: tried[words])
@@ -145,14 +183,11 @@ def _airspeed(motion: Motion, reading: Reading) -> Iterator[Finding]:
     if abs(np.log(felt / made)) < _AIRSPEED_OFF:
         return
     less = "the velocity" if motion.wind is None else "the velocity less the wind"
-    units = [f"scale={s:.6g}: it is in {unit}" for unit, s in _SPEEDS.items() if abs(np.log(felt * s / made)) < 0.1]
+    named = {unit: s for unit, s in UNITS_OF_SPEED.items() if abs(np.log(felt * s / made)) < 0.1}
+    units = [f"scale={s:.6g}: it is in {unit}" for unit, s in named.items()]
     change = "map the wind: u, v, w are those over ground" if motion.wind is None else "check sign and unit of the wind"
     what = f"the airspeed is {felt:.3g} m/s in the median, {less} {made:.3g} m/s"
     yield Finding(DOUBTFUL, "airspeed", "inputs.airspeed", what, " or ".join([change, *units]))
-
-
-def _limit(name: str) -> float:
-    return LIMITS[name.split()[0]]
 
 
 def motion_of(record: Record) -> tuple[Motion, Reading, Mapping[str, str]] | None:
@@ -222,135 +257,6 @@ def wind_of(record: Record, time: Array) -> Array | None:
     return np.stack([sign * parts[place] for place, sign in EARTH[series.stream.earth]], axis=1)
 
 
-def mend(motion: Motion, reading: Reading, entries: Mapping[str, str]) -> list[tuple[str, str]]:
-    """Return the single changes of a reading under which all equations hold, the best first; two at most.
-
-    Returns
-    -------
-    list of tuple
-        Entry of the map, and what to write there.
-    """
-    best: list[tuple[bool, float, str, str]] = []
-    for changed, entry, words in _readings(reading, entries):
-        misfits = motion.misfits(changed)
-        excess = max((value / _limit(name) for name, value in misfits.items()), default=9.0)
-        if excess < 1.0:
-            best.append((entry == "inputs", sum(misfits.values()), entry, words))
-    best.sort()
-    like = [b for b in best[:2] if b[0] == best[0][0] and b[1] < 1.3 * best[0][1] + 0.02]
-    return [(entry, words) for _, _, entry, words in like]
-
-
-def _readings(reading: Reading, entries: Mapping[str, str]) -> Iterator[tuple[Reading, str, str]]:
-    """Yield readings that differ from one in what one mistake makes of it, the entry and what to write."""
-    if "quaternion" in entries:
-        yield from _attitudes(reading, entries["quaternion"])
-    if "euler" in entries:
-        yield from _angles(reading)
-    if "rates" in entries:
-        yield from _rates(reading, entries["rates"])
-    if "velocity" in entries:
-        entry = entries["velocity"]
-        for frame in (*BODY, *EARTH):
-            if frame != reading.velocity_frame:
-                yield reading.but(velocity_frame=frame), entry, f"frame={frame}"
-        for unit, scale in _SPEEDS.items():
-            yield reading.but(velocity_scale=scale), entry, f"scale={scale:.6g}: it is in {unit}"
-        yield reading.but(velocity_scale=-1.0), entry, "scale=-1"
-    if "force" in entries:
-        entry = entries["force"]
-        for frame in BODY:
-            if frame != reading.force_frame:
-                yield reading.but(force_frame=frame), entry, f"frame={frame}"
-        yield reading.but(force_scale=(9.80665,) * 3), entry, "scale=9.80665: it is in g"
-        for factor in (2.0, 0.5, 0.01, 0.001):
-            yield reading.but(force_scale=(factor,) * 3), entry, f"{factor:g} times the scale"
-        yield from _forces(reading, entry)
-        yield reading.but(weightless=True), entry, "leave it out, or map the raw one: gravity has been taken off it"
-    if "airspeed" in entries:
-        yield from _air(reading)
-    for body, earth in product(BODY, EARTH):
-        flown = reading.velocity_frame
-        changed = reading.but(
-            attitude_body=body, attitude_earth=earth, rates_frame=body, force_frame=body,
-            velocity_frame=body if flown in BODY else earth,
-        )  # fmt: skip
-        yield changed, "inputs", f"frame={body} for body vectors, frame={body}/{earth} for the attitude"
-
-
-def _angles(reading: Reading) -> Iterator[tuple[Reading, str, str]]:
-    entry = "inputs.states.Phi, Theta, Psi"
-    yield reading.but(attitude_scale=(_RAD,) * 3), entry, f"scale={_RAD:.8f}: they are degrees"
-    for i, name in enumerate(("Phi", "Theta", "Psi")):
-        for factor, words in ((-1.0, "its sign is wrong"), (_RAD, f"scale={_RAD:.8f}: it is in degrees")):
-            scale = tuple(factor if j == i else 1.0 for j in range(3))
-            yield reading.but(attitude_scale=scale), f"inputs.states.{name}", words
-    for axes in permutations(range(3)):
-        if axes != (0, 1, 2):
-            names = ", ".join(("Phi", "Theta", "Psi")[a] for a in axes)
-            yield reading.but(attitude_axes=axes), entry, f"the angles are exchanged: they hold {names}"
-
-
-def _air(reading: Reading) -> Iterator[tuple[Reading, str, str]]:
-    """Yield mistakes in airspeed and the angles of the vanes."""
-    for unit, scale in _SPEEDS.items():
-        yield reading.but(air_scale=(scale, 1.0, 1.0)), "inputs.airspeed", f"scale={scale:.6g}: it is in {unit}"
-    degrees = f"scale={_RAD:.8f}: degrees"
-    for a, b in product((1.0, -1.0, _RAD, -_RAD), repeat=2):
-        named = [
-            f"{name}: {degrees if abs(s) == _RAD else ''}{', and ' if s == -_RAD else ''}"
-            f"{'the sign is wrong: scale=-1' if s < 0.0 else ''}"
-            for name, s in (("alpha", a), ("beta", b))
-            if s != 1.0
-        ]
-        if named:
-            yield reading.but(air_scale=(1.0, a, b)), "inputs", "; ".join(named)
-    yield reading.but(air_axes=(0, 2, 1)), "inputs.alpha, beta", "the two are exchanged"
-    for factor, words in ((-1.0, "the sign: forward, right, down are positive"), (0.001, "in metres")):
-        yield reading.but(vane_scale=factor), "inputs.vane_position", words
-
-
-def _forces(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
-    """Yield exchanged axes and wrong signs of the accelerometer."""
-    yield reading.but(force_scale=(-1.0,) * 3), entry, "scale=-1"
-    for signs in product((1.0, -1.0), repeat=3):
-        if -1 < sum(signs) < 3.0:
-            yield reading.but(force_scale=signs), entry, "scale=" + ",".join(f"{s:g}" for s in signs)
-    for axes in permutations(range(3)):
-        if axes != (0, 1, 2):
-            yield reading.but(force_axes=axes), entry, _exchanged(axes)
-
-
-def _exchanged(axes: tuple[int, ...]) -> str:
-    order = ",".join("xyz"[a] for a in axes)
-    return f"three paths in the order {order}: the axes are exchanged"
-
-
-def _attitudes(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
-    for body, earth in product(BODY, EARTH):
-        if (body, earth) != (reading.attitude_body, reading.attitude_earth):
-            yield reading.but(attitude_body=body, attitude_earth=earth), entry, f"frame={body}/{earth}"
-    last = reading.but(order=(3, 0, 1, 2))
-    yield last, entry, "give w first, as four paths w,x,y,z: the numbers hold w last"
-    yield reading.but(conjugate=True), entry, "the rotation is the other way round, from earth to body"
-
-
-def _rates(reading: Reading, entry: str) -> Iterator[tuple[Reading, str, str]]:
-    for frame in BODY:
-        if frame != reading.rates_frame:
-            yield reading.but(rates_frame=frame), entry, f"frame={frame}"
-    yield reading.but(rates_scale=(_RAD,) * 3), entry, f"scale={_RAD:.8f}: they are in deg/s"
-    yield reading.but(rates_scale=(1.0 / _RAD,) * 3), entry, "no scale: they are in rad/s already"
-    for signs in product((1.0, -1.0), repeat=3):
-        if min(signs) < 0.0:
-            turned = ", ".join(n for n, s in zip("PQR", signs, strict=True) if s < 0.0)
-            several = "scale=" + ",".join(f"{s:g}" for s in signs)
-            yield reading.but(rates_scale=signs), entry, f"{several}: the sign of {turned} is wrong"
-    for axes in permutations(range(3)):
-        if axes != (0, 1, 2):
-            yield reading.but(rates_axes=axes), entry, _exchanged(axes)
-
-
 def _delays(
     record: Record, motion: Motion, reading: Reading, entries: Mapping[str, str], now: Mapping[str, float]
 ) -> Iterator[Finding]:
@@ -377,7 +283,7 @@ def _delays(
         if not found:
             continue
         after, steps, group = min(found)
-        level = WRONG if after < 0.3 * before and before > _limit(kind) else DOUBTFUL
+        level = WRONG if after < 0.3 * before and before > limit(kind) else DOUBTFUL
         word = "later" if steps > 0 else "earlier"
         what = f"comes {1e3 * abs(steps) * motion.step:.0f} ms {word} than the attitude shows it"
         where = entries[group[0]] if len(group) == 1 else "inputs." + ", ".join(group)

@@ -54,7 +54,7 @@ def findings_of(record: Record, configuration: Configuration) -> list[Finding]:
         return ordered(found)
     sizes = list(check_sizes(record, configuration.reference_speed))
     found += [*check_effectors(record), *sizes, *check_derivatives(record)]
-    motion = list(check_motion(record))
+    motion = list(check_motion(record, configuration.reference_speed))
     found += motion
     if not any(f.level == WRONG for f in (*motion, *sizes)):
         found += check_response(record, configuration)

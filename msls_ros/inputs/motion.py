@@ -123,8 +123,17 @@ class Motion:
                 found[key] = value[own - least : len(value) + own - most]
         return replace(self, **found)
 
-    def misfits(self, reading: Reading) -> dict[str, float]:
-        """Return the misfit of each equation that the log can show, by its name."""
+    def misfits(self, reading: Reading, *, faint: bool = False) -> dict[str, float]:
+        """Return the misfit of each equation that the log can show, by its name.
+
+        Parameters
+        ----------
+        reading
+            How the numbers are read.
+        faint
+            Whether "force", "size" and "heading" are also held where both sides are small, if they stand out of the
+            noise: a reading that makes a velocity small enough leaves nothing else to compare.
+        """
         turn = self._rotation(reading)
         if turn is None:
             return {}
@@ -142,14 +151,15 @@ class Motion:
             mean = pull.mean(axis=0) + np.array([0.0, 0.0, GRAVITY])
             found["weight"] = float(np.linalg.norm(mean)) / GRAVITY
             if velocity is not None:
-                tried = [_force(velocity, pull, width, self.step, self.apart) for width in widths]
+                least = 0.0 if faint else np.sqrt(3.0) * _MOVING
+                tried = [_force(velocity, pull, width, self.step, self.apart, least) for width in widths]
                 found.update(min((one for one in tried if one), key=lambda one: one["force"], default={}))
                 found.update(_along(turn, velocity, pull, widths, self.step, self.apart))
         if velocity is not None:
             if self.wind is not None:
                 velocity = velocity - reading.wind_scale * self.wind[:, list(reading.wind_axes)]
             speed = np.linalg.norm(velocity, axis=1)
-            if float(np.median(speed)) > _FLYING:
+            if float(np.median(speed)) > (0.0 if faint else _FLYING):
                 ahead = np.einsum("ki,ki->k", turn[:, :, 0], velocity)
                 found["heading"] = 1.0 - float(ahead.sum() / speed.sum())
         return found
@@ -318,17 +328,18 @@ def _rates(turn: Array, rates: Array, widths: Sequence[int], step: float, apart:
     return dict(sorted(found.items()))
 
 
-def _force(velocity: Array, pull: Array, width: int, step: float, apart: int) -> Mapping[str, float]:
+def _force(velocity: Array, pull: Array, width: int, step: float, apart: int, least: float) -> Mapping[str, float]:
+    """Return the misfit and the ratio of the two sides, where one of them is at least as large [m/s^2, rms]."""
     change = (velocity[width:] - velocity[:-width]) / (width * step)
     felt = windowed(pull, width)
     change, felt = change - change.mean(axis=0), felt - felt.mean(axis=0)
     moved, held = (mean_squares(third_differences(side, apart)) for side in (velocity, pull))
     noise = 2.0 * moved / (width * step) ** 2, held * min(1.0, 0.5 * apart / width)
     one = beyond_noise(change, felt, noise)
-    if one is None or max(one[1:]) < np.sqrt(3.0) * _MOVING:
+    if one is None or max(one[1:]) <= least:
         return {}
-    same = float((change * felt).sum()) > _CLEAR * one[1] * one[2] * len(felt)
-    return {"force": one[0], "size": abs(float(np.log(one[1] / one[2]))) if same else 0.0}
+    same = min(one[1:]) > 0.0 and float((change * felt).sum()) > _CLEAR * one[1] * one[2] * len(felt)
+    return {"force": one[0], **({"size": abs(float(np.log(one[1] / one[2])))} if same else {})}
 
 
 def _along(

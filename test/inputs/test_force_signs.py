@@ -13,8 +13,8 @@ from inputs import mapped_messages as made
 from inputs.mapped_messages import Array, Flight, rigid_flight, write_bag
 
 from msls_ros.commands import inspect
-from msls_ros.inputs.check_motion import LIMITS
 from msls_ros.inputs.force_signs import check_force_signs, force_slopes
+from msls_ros.inputs.mends import LIMITS
 from msls_ros.inputs.motion import Motion, Reading
 
 ARM = np.array([0.3, 0.05, 0.1])
