@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -15,14 +15,11 @@ from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading
+from msls_ros.inputs.response import Response, Search
 from msls_ros.inputs.series import Record, Series, on_grid
 from msls_ros.inputs.windows import beyond_noise, misfit, noise_of, windowed
 
 _STEP = 0.01
-_WINDOW = 0.06
-"""Over which the rates are differenced [s]."""
-_LATEST = 0.25
-"""Delays looked for [s]."""
 _WORTH = 0.02
 """Delay worth naming [s]."""
 _MOST = 20000
@@ -30,10 +27,10 @@ _GAIN, _LEAST = 0.08, 0.005
 """Share of the residual, and of the angular accelerations, that the delay must explain."""
 _FOUND = (-0.05, 0.06)
 """Delays between which the bank finds them itself, and takes them back [s]."""
-_PART = 0.7
-"""Share of a regressor that is taken for noise, at most."""
 _SURE = 0.5
 """Share from which it is sure: a law that answers a fault nobody measures gave 0.38, real delays give 0.65 and more."""
+_WHERE = "inputs.effectors"
+_NO_VELOCITY = "whether the aircraft answers the surfaces when the map says is not seen without its velocity"
 _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2, "rudder": 2}
 """Axis that a surface of this name turns the aircraft about: roll, pitch, yaw."""
 _OTHER = 6.0
@@ -50,7 +47,10 @@ _FACTORS = {"-1": -1.0, "0.0174533": np.pi / 180.0, "57.2958": 180.0 / np.pi, "9
 
 
 def check_response(record: Record, configuration: Configuration) -> Iterator[Finding]:
-    """Yield the delay from the surfaces to the angular accelerations, where it is not what the map says.
+    """Yield the delay from the surfaces to the angular accelerations, or that none stands out.
+
+    That the aircraft answers as the map says is said only where surfaces at that delay leave plainly less unexplained
+    than at others up to 3 s: states and a law that feeds them back explain much of a flight whatever the surfaces are.
 
     Parameters
     ----------
@@ -64,32 +64,58 @@ def check_response(record: Record, configuration: Configuration) -> Iterator[Fin
         return
     scores = response.scores()
     best, none = int(np.argmin(scores)), len(scores) // 2
+    search = response.search()
+    far = search.beyond(response, float(scores[best]), at_end=best in (0, len(scores) - 1))
+    if far is not None:
+        yield _far(record, response, far)
+        return
     lag = (best - none) * response.step
     explained = scores[none] - max(scores[best], 0.0)
     gain = explained / scores[none] if explained > _LEAST else 0.0
-    where = "inputs.effectors"
     if response.turn.shape[1] == 3 and scores[best] < 0.5:
         effects = response.effects(best - none)
         yield from _names(response.names, *effects, response.delta.std(axis=0))
         yield from _exchanged(response.names, *effects)
     if scores[best] > 0.9:
-        yield Finding(NOTE, "response", where, "the surfaces explain less than a tenth of the angular accelerations")
+        yield Finding(NOTE, "response", _WHERE, "the surfaces explain less than a tenth of the angular accelerations")
+    elif not search.shows(float(scores[best]), lag):
+        yield _unseen(search, float(scores[best]))
     elif gain < _GAIN or abs(lag) < max(_WORTH, response.step):
-        yield Finding(NOTE, "delay", where, f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s")
+        yield Finding(NOTE, "delay", _WHERE, f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s")
     elif not response.moves:
-        what = "whether the aircraft answers the surfaces when the map says is not seen without its velocity"
-        yield Finding(NOTE, "delay", where, what)
+        yield Finding(NOTE, "delay", _WHERE, _NO_VELOCITY)
     else:
-        word = "after" if lag > 0.0 else "before"
         own = configuration.estimator.method == "bank" and _FOUND[0] < lag < _FOUND[1]
         so = "the identifier finds as much in flight (model.delay), B is right but later" if own else "B is wrong by it"
-        what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: "
-        mend = delay_words(-lag, _delay_of(record), "the topic's line")
+        what, mend = _answers(record, lag)
         if lag > 0.0 and response.following(best - none) < scores[best]:
             what += "they are commands, which servos follow"
-            yield Finding(DOUBTFUL, "delay", where, what, f"map measured deflections; where there are none, {mend}")
+            yield Finding(DOUBTFUL, "delay", _WHERE, what, f"map measured deflections; where there are none, {mend}")
             return
-        yield Finding(WRONG if gain > _SURE and not own else DOUBTFUL, "delay", where, what + so, mend)
+        yield Finding(WRONG if gain > _SURE and not own else DOUBTFUL, "delay", _WHERE, what + so, mend)
+
+
+def _answers(record: Record, lag: float) -> tuple[str, str]:
+    """Return what is said of a delay [s], and what to write."""
+    word = "after" if lag > 0.0 else "before"
+    what = f"the aircraft answers {1e3 * abs(lag):.0f} ms {word} the surfaces as mapped: "
+    return what, delay_words(-lag, _delay_of(record), "the topic's line")
+
+
+def _far(record: Record, response: Response, steps: int) -> Finding:
+    """Return what is said of a delay of so many steps that no servo makes."""
+    if not response.moves:
+        return Finding(NOTE, "delay", _WHERE, _NO_VELOCITY)
+    what, mend = _answers(record, steps * response.step)
+    return Finding(WRONG, "delay", _WHERE, f"{what}servos and links take less, their stamps are of another clock", mend)
+
+
+def _unseen(search: Search, left: float) -> Finding:
+    """Return that no delay stands out, of which the best near one leaves so much."""
+    what = f"no delay within {search.farthest:.2g} s stands out, at which the aircraft answers these surfaces: the "
+    what += f"best leaves {left / search.typical:.0%} of the angular accelerations that an arbitrary one leaves"
+    mend = "check stamps, clock and unit of their topic, and that it is of this aircraft; or fly larger inputs"
+    return Finding(DOUBTFUL, "response", _WHERE, what, mend)
 
 
 def _delay_of(record: Record) -> float | None:
@@ -97,94 +123,6 @@ def _delay_of(record: Record) -> float | None:
     delays = {s.stream.delay for s in effectors_of(record).values()}
     delays |= {record.inputs.topics[s.stream.source].delay for s in effectors_of(record).values()}
     return 1e-9 * delays.pop() if len(delays) == 1 else None
-
-
-@dataclass(frozen=True)
-class _Response:
-    """Rates, velocities and surfaces at common instants; k of them.
-
-    Over a window ``slope of rates = A mean of states + B mean of surfaces``, without an error of discretisation. All
-    states are needed: damping and a law that feeds rates back make of rates and surfaces alone a delay that is none. A
-    noise in the states makes A smaller and a delay of the rest; its part in the products of the means is taken off.
-    """
-
-    step: float
-    """[s]"""
-    names: list[str]
-    """Of the surfaces."""
-    turn: Array
-    """(k, 1 to 3) rates, FRD."""
-    moves: list[Array]
-    """(k, c) of each stream of velocity; none where they are not mapped."""
-    delta: Array
-    """(k, m)"""
-    noise: Array
-    """Variance of the noise of a sample of each column of the three, times its period [s]."""
-
-    def means(self) -> tuple[Array, Array, Array]:
-        """Return the slopes (l, .), and the means of the states (l, .) and of the surfaces (l, m)."""
-        width = self.width
-        slope = (self.turn[width:] - self.turn[:-width]) / (width * self.step)
-        return slope, windowed(np.column_stack([self.turn, *self.moves]), width), windowed(self.delta, width)
-
-    @property
-    def width(self) -> int:
-        """Steps of a window."""
-        return max(2, round(_WINDOW / self.step))
-
-    @property
-    def most(self) -> int:
-        """Steps of the largest delay."""
-        return max(1, round(_LATEST / self.step))
-
-    def scores(self) -> Array:
-        """Return the share of the angular accelerations that is left unexplained, by delay, from the most negative."""
-        slope, states, held = self.means()
-        most = self.most
-        return np.array([self._left(slope, states, held, steps) for steps in range(-most, most + 1)])
-
-    def following(self, steps: int) -> float:
-        """Return the least share left if servos follow the surfaces, in place of some or all of a delay of as much."""
-        slope, states, held = self.means()
-        shares = []
-        for lag in (max(1, steps // 2), steps):
-            behind, stays = held.copy(), float(np.exp(-1.0 / lag))
-            for k in range(1, len(held)):
-                behind[k] = stays * behind[k - 1] + (1.0 - stays) * held[k]
-            shares.append(self._left(slope, states, behind, steps - lag))
-        return min(shares)
-
-    def _left(self, slope: Array, states: Array, held: Array, steps: int) -> float:
-        """Return the share of the slopes that is left unexplained by surfaces of so many steps ago."""
-        most = self.most
-        inner = slice(most, len(slope) - most)
-        y = slope[inner] - slope[inner].mean(axis=0)
-        x = np.column_stack([states[inner], held[most - steps : len(held) - most - steps]])
-        x -= x.mean(axis=0)
-        gram, side = x.T @ x, x.T @ y  # one pass over the samples; the residual needs no better conditioning
-        known = len(x) * self.noise / (self.width * self.step)
-        weights = np.linalg.pinv(_less(gram, known), rcond=1e-12, hermitian=True) @ side
-        scale = np.maximum(np.square(y).sum(axis=0), 1e-300)
-        return float(np.mean(1.0 - (weights * side).sum(axis=0) / scale))
-
-    def effects(self, steps: int) -> tuple[Array, Array]:
-        """Return what each surface turns the aircraft by, rms (m, 3) [rad/s^2], and the rms of what is left (3,)."""
-        slope, states, held = self.means()
-        most = self.most
-        own = held[most - steps : len(held) - most - steps]
-        x = np.column_stack([own, states[most : len(slope) - most], np.ones(len(own))])
-        y = slope[most : len(slope) - most]
-        weights, *_ = np.linalg.lstsq(x, y, rcond=None)
-        return np.abs(weights[: own.shape[1]]) * own.std(axis=0)[:, None], np.asarray((y - x @ weights).std(axis=0))
-
-
-def _less(gram: Array, noise: Array) -> Array:
-    """Return the products of regressors less those of their noise, as much of it as leaves them positive definite."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    one, part = gram / np.outer(size, size), np.sqrt(noise) / size
-    most = float(np.linalg.eigvalsh(part[:, None] * np.linalg.pinv(one, rcond=1e-12, hermitian=True) * part)[-1])
-    share = min(1.0, _PART / most) if most > 0.0 else 1.0
-    return np.asarray((one - share * np.diag(part * part)) * np.outer(size, size))
 
 
 def _velocities(record: Record) -> dict[str, Series]:
@@ -218,7 +156,7 @@ def _velocities(record: Record) -> dict[str, Series]:
     return {} if values is None else {"velocity": replace(own, values=values)}
 
 
-def _response(record: Record) -> _Response | None:
+def _response(record: Record) -> Response | None:
     """Return what the delay is looked for in; None: rates or moving surfaces are not there, or share no second."""
     rates = [n for n in ("angular_velocity", "states.P", "states.Q", "states.R") if n in record.series]
     surfaces = {n: s for n, s in effectors_of(record).items() if np.ptp(s.values) > 0.0 and not s.stream.track.held}
@@ -240,7 +178,7 @@ def _response(record: Record) -> _Response | None:
     signs = np.array(BODY[chosen[rates[0]].stream.body or "frd"]) if turn.shape[1] == 3 and len(rates) == 1 else 1.0
     noise = np.concatenate([period * noise_of(s.values) for period, s in zip(periods, chosen.values(), strict=True)])
     step = float(grid[0][1])
-    return _Response(step, list(surfaces), turn * signs, [grid[1][n] for n in moves], delta, noise)
+    return Response(step, list(surfaces), turn * signs, [grid[1][n] for n in moves], delta, noise)
 
 
 def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Iterator[Finding]:
@@ -266,7 +204,7 @@ def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Itera
 def _exchanged(names: list[str], effects: Array, left: Array) -> Iterator[Finding]:
     """Yield that the surfaces for roll and yaw are exchanged, where each does plainly what the other is named for.
 
-    Effects (m, 3) and what is left (3,) are as `_Response.effects` gives them.
+    Effects (m, 3) and what is left (3,) are as `Response.effects` gives them.
     """
     about = {axis: [k for k, n in enumerate(names) if _MEANT.get(n.lower()) == axis] for axis in (0, 2)}
     if any(len(found) != 1 for found in about.values()):

@@ -157,8 +157,13 @@ def later(seconds: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
     return change
 
 
-def recorded(flight: Flight, noise: float = 0.0, behind: int = 0, **changes: str | None) -> list[Finding]:
-    """Inspect a flight of one topic: attitude and rates with noise [rad, rad/s], surfaces of so many samples ago."""
+def recorded(
+    flight: Flight, noise: float = 0.0, behind: int = 0, speed: float = 18.0, **changes: str | None
+) -> list[Finding]:
+    """Inspect a flight of one topic: attitude and rates with noise [rad, rad/s], surfaces of so many samples ago.
+
+    The speed is what the parameters call `reference_speed` [m/s].
+    """
     random = np.random.default_rng(5)
     n = len(flight.x) - behind
     angles, rates = (flight.x[behind:, c] + noise * random.standard_normal((n, 3)) for c in (slice(6, 9), slice(3, 6)))
@@ -184,5 +189,5 @@ def recorded(flight: Flight, noise: float = 0.0, behind: int = 0, **changes: str
             "/log", flight.stamp(k), Fields({"header": stamp, **values, "surfaces": flight.delta[k].tolist()})
         )
     states = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")[0 if lines["velocity"] else 3 :]
-    given = {"states": states, "effectors": flight.effectors, "sample_rate": 100.0, "reference_speed": 18.0}
+    given = {"states": states, "effectors": flight.effectors, "sample_rate": 100.0, "reference_speed": speed}
     return findings_of(collector.record(), Configuration().replace(given))
