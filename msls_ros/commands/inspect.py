@@ -14,7 +14,7 @@ from msls_ros.bags import BagError, open_any
 from msls_ros.commands.arguments import OneLineParser, print_text
 from msls_ros.commands.progress import Progress
 from msls_ros.estimation import EstimationError
-from msls_ros.inputs.findings import LEVELS, NOTE, Finding
+from msls_ros.inputs.findings import DOUBTFUL, LEVELS, NOTE, OF_THE_FLIGHT, Finding
 from msls_ros.offline.inspection import Inspection, inspect
 from msls_ros.offline.opening import chosen_parameters
 from msls_ros.offline.suggestion import suggest
@@ -102,9 +102,20 @@ def describe(log: Path, source: str, found: Inspection) -> str:
         own = [f for f in found.findings if f.level == level]
         if own:
             lines += ["", f"{level} ({len(own)})" if level != NOTE else "notes", *(_finding(f) for f in own)]
-    if not found.wrong:
-        lines += ["", "nothing is wrong: replay it"]
-    return "\n".join(lines)
+    return "\n".join([*lines, "", _closing(found)])
+
+
+def _closing(found: Inspection) -> str:
+    """Return what to do now."""
+    if found.wrong:
+        return "wrong numbers would come of it: make the changes, and inspect it again"
+    doubtful = [f for f in found.findings if f.level == DOUBTFUL]
+    mendable = {f.kind if f.kind == f.where else f"{f.kind} ({f.where})": f for f in doubtful}
+    if named := [name for name, f in mendable.items() if f.kind not in OF_THE_FLIGHT]:
+        return f"doubtful: first make the changes of {', '.join(named)}, then inspect it again"
+    if doubtful:
+        return "nothing is wrong with the map, what is doubtful is of the flight or its recording: replay it"
+    return "nothing is wrong: replay it"
 
 
 def _finding(f: Finding) -> str:
