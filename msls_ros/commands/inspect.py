@@ -114,7 +114,7 @@ def _closing(found: Inspection) -> str:
     if named := [name for name, f in mendable.items() if f.kind not in OF_THE_FLIGHT]:
         return f"doubtful: first make the changes of {', '.join(named)}, then inspect it again"
     if doubtful:
-        return "nothing is wrong with the map, what is doubtful is of the flight or its recording: replay it"
+        return "nothing wrong is seen in the map; what is doubtful is of the flight or its recording: replay it"
     return "nothing is wrong: replay it"
 
 
