@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import operator
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -180,6 +180,7 @@ class InputMap:
             For an entry that is unknown, malformed or missing; the sentence names it.
         """
         flat = flatten(values)
+        _check_known(flat)
         plain = {name: flat.pop(name, default) for name, default in PLAIN.items()}
         age = round(1e9 * _number("maximum_age", plain["maximum_age"], 1e-6, 10.0))
         intervals = plain["intervals"]
@@ -211,6 +212,18 @@ PLAIN: Mapping[str, Any] = {
     "vane_position": (0.0, 0.0, 0.0),
 }
 """Entries that are no lines of words, with their defaults."""
+
+
+def _check_known(names: Iterable[str]) -> None:
+    """Refuse the first entry that does not exist, before the values of others are looked at."""
+    single, groups = (*PLAIN, *VECTORS, *AIR_DATA, WIND), ("topics", *SCALARS)
+    for name in names:
+        group, _, rest = name.partition(".")
+        if name not in single and not (group in groups and rest):
+            known = (*PLAIN, "topics.ALIAS", *VECTORS, *AIR_DATA, WIND, *(f"{s}.NAME" for s in SCALARS))
+            near = nearest(name, (*single, *(f"{each}.{rest}" if rest else each for each in groups)))
+            message = f"parameter 'inputs.{name}' does not exist; there are {', '.join(known)}{near}"
+            raise EstimationError(message)
 
 
 def _parse(name: str, value: Any, make: Callable[[_Words], Any]) -> Any:
@@ -313,12 +326,6 @@ def _topic(words: _Words) -> TopicInput:
 
 
 def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words) -> StreamInput:
-    group, _, rest = name.partition(".")
-    single = (*VECTORS, *AIR_DATA, WIND)
-    if not (name in single or (group in SCALARS and rest)):
-        words_known = (*PLAIN, "topics.ALIAS", *single, *(f"{s}.NAME" for s in SCALARS))
-        message = f"it does not exist; there are {', '.join(words_known)}{nearest(name, (*PLAIN, *single, *SCALARS))}"
-        raise EstimationError(message)
     source, path = words.first
     if source not in topics:
         message = f"'{source}' is not a topic; inputs.topics has {listed(topics)}{nearest(source, topics)}"

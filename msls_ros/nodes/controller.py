@@ -67,9 +67,9 @@ class ControllerNode(LifecycleNode):
     def __init__(self, name: str = "controller", **options: Any) -> None:
         """Declare the parameters; with ``autostart`` configure and activate."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS)
         self._p = declare_table(self, PARAMETERS)
         self._settings = settings_of(self._p)
-        warn_of_unknown(self)
         guard_transitions(self)
         self._bond = Bond(self, wanted=not self._p["autostart"])
         self.add_on_set_parameters_callback(self._check_parameters)

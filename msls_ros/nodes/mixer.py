@@ -98,8 +98,8 @@ class MixerNode(Node):
     def __init__(self, name: str = "mixer", **options: Any) -> None:
         """Declare the parameters, and listen."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS)
         self._p = p = declare_table(self, PARAMETERS)
-        warn_of_unknown(self)
         names = p["effectors"]
         texts = p["fields"] or [f"delta[effectors={name}]" for name in names]
         self._mix = _mix_of(p["mix"], len(texts), len(names))

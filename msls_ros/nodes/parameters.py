@@ -142,18 +142,27 @@ def declare_table(node: Node, table: Table) -> dict[str, Any]:
     return values
 
 
-def warn_of_unknown(node: Node, others: Container[str] = ()) -> None:
+def warn_of_unknown(node: Node, table: Table, others: Container[str] = (), groups: tuple[str, ...] = ()) -> None:
     """Log the parameters that were given at the start but that the node does not have: ROS ignores them silently.
 
-    Those of ``others`` are of another node in the same file, and not missed.
+    Called before any is declared: a value that is refused as another parameter's name is misspelt comes after that.
 
-    Those of quality of service exist once the topics do, in a managed node only when it has been configured: they are
-    looked at then, once.
+    Parameters
+    ----------
+    node
+        Its own parameters are those of ROS, and of quality of service: these exist once the topics do, in a managed
+        node only when it has been configured, and are looked at then, once.
+    table
+        What it is going to declare.
+    others
+        Names of another node's parameters in the same file, which are not missed.
+    groups
+        What names begin with that are looked at elsewhere.
     """
     qualities = [name for name in node._parameter_overrides if name.startswith(QUALITY)]
-    known = [name for name in node._parameters if not name.startswith(QUALITY)]
+    known = [*(name for name in node._parameters if not name.startswith(QUALITY)), *table]
     for name in node._parameter_overrides:
-        if not node.has_parameter(name) and name not in qualities and name not in others:
+        if name not in known and name not in qualities and name not in others and not name.startswith(groups):
             near = nearest(name, known)
             text = f"parameter '{name}' does not exist and is ignored{near}{' ' if near else '; '}--help lists all"
             node.get_logger().warning(text)

@@ -61,8 +61,8 @@ class PilotNode(Node):
     def __init__(self, name: str = "pilot", **options: Any) -> None:
         """Declare the parameters and design the gains."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS)
         p = declare_table(self, PARAMETERS)
-        warn_of_unknown(self)
         condition = chosen_condition(p)
         self._effectors = condition.airframe.effectors
         manoeuvre = parse_manoeuvre(p["manoeuvre"], condition.airframe, p["manoeuvre_scale"])

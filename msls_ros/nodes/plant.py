@@ -101,8 +101,8 @@ class PlantNode(Node):
     def __init__(self, name: str = "plant", **options: Any) -> None:
         """Declare the parameters and build the aircraft at trim."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS)
         self._p = declare_table(self, PARAMETERS)
-        warn_of_unknown(self)
         self._lockstep = self._p["mode"] == "lockstep"
         self._condition = chosen_condition(self._p)
         self._effectors = self._condition.airframe.effectors

@@ -88,9 +88,9 @@ class RecorderNode(Node):
     def __init__(self, name: str = "recorder", **options: Any) -> None:
         """Open the bag and subscribe to everything, undecoded."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS, {*configuration_table(), *OTHER}, (PREFIX,))
         p = declare_table(self, PARAMETERS)
         inputs = declare_inputs(self)
-        warn_of_unknown(self, {*configuration_table(), *OTHER})
         kept = self._identifier_parameters(inputs)
         sources = [] if inputs is None else [(s, message_class(s.msgtype)) for s in inputs.topics.values()]
         self._writer = BagWriter(p["out"], overwrite=p["overwrite"])

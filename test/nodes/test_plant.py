@@ -23,10 +23,12 @@ from msls_ros import messages
 from msls_ros.estimation import EstimationError
 from msls_ros.nodes import pilot, plant, recorder
 from msls_ros.nodes.identifier import IdentifierNode
+from msls_ros.nodes.mixer import MixerNode
 from msls_ros.nodes.parameters import NodeError, declare_table
 from msls_ros.nodes.pilot import PilotNode
 from msls_ros.nodes.plant import PlantNode
 from msls_ros.nodes.recorder import FIXED_LAW, RecorderNode
+from msls_ros.nodes.running import bad_input
 from msls_ros.plant import STATES, PlantError
 from msls_ros.testing import Bench
 
@@ -309,6 +311,18 @@ def test_a_parameter_that_does_not_exist_is_told_of(bench: Bench, capfd: pytest.
     said = capfd.readouterr().err
     assert "parameter 'manoeuver' does not exist and is ignored; did you mean 'manoeuvre'? --help lists all" in said
     assert "parameter 'xyz' does not exist and is ignored; --help lists all" in said
+
+
+@pytest.mark.parametrize("kind", [IdentifierNode, MixerNode])
+def test_a_misspelt_parameter_is_named_before_a_value_is_refused_for_it(
+    kind: type[Any], bench: Bench, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Without the three effectors that are meant there are seven, which three values do not fit."""
+    values = {"dither.actuator_bandwidth": [25.0] * 3} if kind is IdentifierNode else {"authority": [0.1] * 3}
+    with pytest.raises(bad_input(), match="7"):
+        bench.add(kind, efectors=["de", "da", "dr"], **values)
+    said = capfd.readouterr().err
+    assert "parameter 'efectors' does not exist and is ignored; did you mean 'effectors'? --help lists all" in said
 
 
 def test_a_recorded_flight_is_read_by_others_and_stamped_by_its_messages(bench: Bench, tmp_path: Path) -> None:
