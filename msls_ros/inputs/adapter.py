@@ -141,7 +141,8 @@ class InputAdapter:
         self._used = {t for t, read in self._of_topic.items() if read} | {inputs.topics[inputs.clock].topic}
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
-        self._aligner = Aligner([s.track for s in streams], patience, self._refuse)
+        clock = inputs.topics[inputs.clock].topic
+        self._aligner = Aligner([s.track for s in streams], patience, self._refuse, clock)
         self._pacer = Pacer(streams, sample_rate, slowest)
         self.slow = SlowTopics(streams, [inputs.topics[s.source].topic for s in streams], sample_rate)
         self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
@@ -205,6 +206,10 @@ class InputAdapter:
     def too_slow(self) -> dict[str, str]:
         """A sentence for each topic that comes too seldom for the rate of the samples."""
         return self.slow.found(self._pacer.pacer)
+
+    def apart(self, topic: str) -> str:
+        """Say that the stamps of a topic are of another clock or unit than those of the clock; empty: they are not."""
+        return next((text for i, _ in self._of_topic.get(topic, ()) if (text := self._aligner.apart(i))), "")
 
     def newly_slow(self) -> list[str]:
         """Return the sentences of topics that have become too slow since the last call."""

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from msls_ros.inputs.synchronizer import Refused
+from msls_ros.inputs.timeline import FORWARD, TWO_CLOCKS
 
 KEPT = 4096
 """Samples kept per stream where the clock has stopped."""
@@ -46,9 +47,11 @@ class Track:
 class _Buffer:
     """The samples of a stream that are still needed."""
 
-    def __init__(self, track: Track) -> None:
-        self.track = track
+    def __init__(self, track: Track, clock: str) -> None:
+        self.track, self.clock = track, clock
         self.samples: deque[tuple[int, Values]] = deque(maxlen=KEPT)
+        self.ahead = 0
+        """By how much the newest was after the clock's newest instant as it came [ns]."""
 
     def add(self, stamp: int, values: Values) -> None:
         if self.track.quaternion and self.samples:
@@ -88,7 +91,20 @@ class _Buffer:
 
     def _refused(self, t: int, found: str) -> Refused:
         text = f"{self.track.name}: no sample near enough to {t * 1e-9:.3f} s: {found}"
-        return Refused("stale", f"{text}; expected one within {self.track.age * 1e-9:g} s")
+        return Refused("stale", f"{text}; expected one within {self.track.age * 1e-9:g} s{self.why}")
+
+    @property
+    def why(self) -> str:
+        """The same as the end of a sentence."""
+        return f"; {self.apart}" if self.apart else ""
+
+    @property
+    def apart(self) -> str:
+        """That stamps are too far from the clock's for a delay or a gap; empty: they are not."""
+        if abs(self.ahead) <= FORWARD:
+            return ""
+        where = "after" if self.ahead > 0 else "before"
+        return f"its stamps are {abs(self.ahead) * 1e-9:.1f} s {where} those of {self.clock}: {TWO_CLOCKS}"
 
 
 class Aligner:
@@ -102,11 +118,15 @@ class Aligner:
         How far the clock may go on before an instant that waits is refused [ns].
     refuse
         Told about each instant that is refused.
+    clock
+        What sets the instants, as it is called in sentences.
     """
 
-    def __init__(self, tracks: Sequence[Track], patience: int, refuse: Callable[[Refused], None]) -> None:
+    def __init__(
+        self, tracks: Sequence[Track], patience: int, refuse: Callable[[Refused], None], clock: str = "the clock"
+    ) -> None:
         """Start empty; see the class."""
-        self._buffers = [_Buffer(track) for track in tracks]
+        self._buffers = [_Buffer(track, clock) for track in tracks]
         self._patience, self._refuse = patience, refuse
         self._instants: deque[int] = deque()
         self._newest = 0
@@ -114,17 +134,24 @@ class Aligner:
     def clear(self) -> None:
         """Forget all samples and instants."""
         self._instants.clear()
+        self._newest = 0
         for buffer in self._buffers:
             buffer.samples.clear()
+            buffer.ahead = 0
 
     @property
     def waiting(self) -> tuple[int, ...]:
         """The instants that are not complete yet [ns]."""
         return tuple(self._instants)
 
+    def apart(self, track: int) -> str:
+        """Say that the stamps of the stream with an index are of another clock or unit; empty: they are not."""
+        return self._buffers[track].apart
+
     def add(self, track: int, stamp: int, values: Values) -> None:
         """Take a sample of the stream with an index among the tracks; stamps [ns] of a stream rise."""
         self._buffers[track].add(stamp, values)
+        self._buffers[track].ahead = stamp - self._newest if self._newest else 0
 
     def tick(self, stamp: int) -> None:
         """Take an instant of the clock [ns], later than those before."""
@@ -164,4 +191,4 @@ class Aligner:
         t = self._instants.popleft()
         late = next(b for b in self._buffers if b.at(t) is None)
         text = f"{late.track.name}: no sample after {t * 1e-9:.3f} s has come; expected one within"
-        self._refuse(Refused("stale", f"{text} {self._patience * 1e-9:g} s"))
+        self._refuse(Refused("stale", f"{text} {self._patience * 1e-9:g} s{late.why}"))

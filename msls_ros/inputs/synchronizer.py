@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from msls_ros.estimation import LARGEST, Configuration
-from msls_ros.inputs.timeline import Refused, Timeline
+from msls_ros.inputs.timeline import FORWARD, TWO_CLOCKS, Refused, Timeline
 
 __all__ = ["PENDING", "NamedVector", "PairedSample", "Refused", "Synchronizer"]
 
@@ -287,4 +287,5 @@ class Synchronizer:
                 text = f"{stream.name} at {stamp * 1e-9:.9f} s has no partner: the nearest {other.name} is stamped "
                 text += f"{nearest * 1e-6:+.6f} ms from it; expected within pairing_tolerance, "
                 text += f"{self._tolerance * 1e-6:g} ms"
+                text += f": {TWO_CLOCKS}" if abs(nearest) > FORWARD else ""
             self._late(Refused(f"{stream.vector.kind}_unpaired", text))

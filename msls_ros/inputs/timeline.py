@@ -24,6 +24,9 @@ SEVERAL = 3
 FORWARD = 1_000_000_000
 """A step forward up to this is a gap, whatever the jump is [ns]."""
 
+TWO_CLOCKS = "two clocks (use_sim_time, header.stamp), or another unit"
+"""Why the stamps of two streams are further apart than that, as `check_timing` has it."""
+
 
 class Refused(ValueError):
     """A message was refused: ``reason`` is the word it is counted under, the text says what was found and expected."""

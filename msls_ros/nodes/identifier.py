@@ -25,7 +25,7 @@ from msls_ros.inputs.answers import Answers, Pause
 from msls_ros.inputs.model_file import start_from, write_model
 from msls_ros.nodes.awaiting import awaited
 from msls_ros.nodes.bonding import Bond
-from msls_ros.nodes.inputs import EFFECTORS, STATE, OwnInputs, declare_inputs, subscribe, subscribe_own
+from msls_ros.nodes.inputs import EFFECTORS, PREFIX, STATE, OwnInputs, declare_inputs, subscribe, subscribe_own
 from msls_ros.nodes.monitoring import Course, Monitor, Pace, judged, told
 from msls_ros.nodes.outputs import Outputs, asked_to_reset
 from msls_ros.nodes.parameters import (
@@ -83,10 +83,10 @@ class IdentifierNode(LifecycleNode):
     def __init__(self, name: str = "identifier", **options: Any) -> None:
         """Declare the parameters; with ``autostart`` configure and activate."""
         super().__init__(name, **options)
+        warn_of_unknown(self, PARAMETERS, groups=(PREFIX,))
         declare_configuration(self)
         self._p = declare_table(self, NODE_PARAMETERS)
         self._inputs = declare_inputs(self)
-        warn_of_unknown(self)
         guard_transitions(self)
         self._bond = Bond(self, wanted=not self._p["autostart"])
         self._steady: Callable[[], int] = time.monotonic_ns
@@ -339,8 +339,12 @@ class IdentifierNode(LifecycleNode):
     def _waiting(self) -> str:
         """Say what each input has delivered, or why it has not."""
         inputs = zip(self._monitor.traffic.items(), self._subscriptions_made, strict=True)
-        found = [awaited(self, topic, subscription, t.count) for (topic, t), subscription in inputs]
+        found = [awaited(self, topic, heard, t.count) + self._apart(topic) for (topic, t), heard in inputs]
         return f"waiting for a sample: {'; '.join(found)}"
+
+    def _apart(self, topic: str) -> str:
+        text = "" if self._adapter is None else self._adapter.apart(topic)
+        return f", {text}" if text else ""
 
     def _stop(self, reason: str) -> None:
         """Publish a zero dither."""

@@ -239,6 +239,31 @@ def test_a_sample_too_old_is_not_used_and_counted() -> None:
     assert "effectors.e (/b e)" in str(reports[0]) and "0.05 s" in str(reports[0])
 
 
+@pytest.mark.parametrize("apart", [-2.0, 2.0, 1.5e9])
+@pytest.mark.parametrize("held", ["", " hold=true"])
+def test_stamps_of_another_clock_are_named_with_how_far_they_are_apart(apart: float, held: str) -> None:
+    """Those of /b are of another clock than those of /a, the clock of the samples."""
+    reports: list[Refused] = []
+    made = adapter({"effectors": {"e": "b e" + held}}, report=reports.append)
+    for k in range(1000, 1060):
+        made.push(*sample(k)[0])
+        made.push(*sample(k + apart * 1e9 / STEP)[1])
+    said = f"its stamps are {abs(apart):.1f} s {'after' if apart > 0 else 'before'} those of /a: two clocks"
+    assert said in str(reports[-1]) and made.apart("/b").startswith(said) and not made.apart("/a")
+
+
+@pytest.mark.parametrize("late", [0, 45])
+def test_a_stream_that_has_stopped_or_is_late_is_of_the_same_clock(late: int) -> None:
+    """At 50 Hz: nothing for 2 s, or all of it .9 s late."""
+    reports: list[Refused] = []
+    made = adapter(report=reports.append)
+    for k in range(200):
+        made.push(*sample(k)[0])
+        if k < 100 or late:
+            made.push(*sample(k - late)[1])
+    assert len(reports) > 80 and not any("two clocks" in str(one) for one in reports) and not made.apart("/b")
+
+
 def test_a_stream_that_is_held_is_not_waited_for() -> None:
     made = adapter({"effectors": {"e": "b e hold=true age=0.3"}})
     assert made.push(*sample(0)[1]) == []
@@ -361,7 +386,9 @@ def test_rows_pass_the_gate_and_refusals_share_its_counter() -> None:
         ({"states": {"s": "a s,rate"}}, "'s,rate' has 2 paths; expected 1"),
         ({"effectors": {"e": "b l,r scale=1,2,3"}}, "scale has 3 numbers; expected 1 or 2"),
         ({"states": {"s": 3}}, "parameter 'inputs.states.s': it is 3; it must be a line of words in quotes"),
-        ({"speed": "a s"}, "parameter 'inputs.speed': it does not exist; there are clock, maximum_age"),
+        ({"speed": "a s"}, "parameter 'inputs.speed' does not exist; there are clock, maximum_age"),
+        ({"imu_postion": [0.5, 0.0, -0.1]}, "derivatives.NAME, effectors.NAME; did you mean 'imu_position'?"),
+        ({"efectors.de": "a s"}, "derivatives.NAME, effectors.NAME; did you mean 'effectors.de'?"),
         ({"velocity": "a v frame=north"}, "frame is 'north'; it must be one of frd, flu, ned, enu, nwu"),
         ({"topics": {"a": "/a A"}}, "parameter 'inputs.topics.a': 'A' is not a type; expected PACKAGE/msg/NAME"),
     ],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -91,6 +92,21 @@ def count_messages(node: IdentifierNode) -> list[str]:
 
     adapter.push = counted  # type: ignore[method-assign]
     return taken
+
+
+def test_who_waits_for_a_sample_is_told_that_a_topic_is_of_another_clock(bench: Bench) -> None:
+    """Deflections stamped in simulation time, all else by the wall clock."""
+    node = make(bench)
+    messages = flight_messages(50)
+    for _, message in messages:
+        message.header.stamp.sec += 0 if isinstance(message, JointState) else 1_796_000_000
+    taken = count_messages(node)
+    for number, (topic, message) in enumerate(messages, 1):
+        bench.publish(topic, message)
+        bench.expect(taken, number)
+    assert node.synchronizer.paired == 0
+    said = r"25 messages, its stamps are 1[0-9]{9}\.[0-9] s before those of /imu/data: two clocks \(use_sim_time, "
+    assert re.search(said, node._waiting())
 
 
 def test_live_and_offline_by_one_profile_are_equal_to_the_last_bit_also_played_twice(bench: Bench) -> None:
