@@ -15,6 +15,7 @@ from msls_ros.estimation import Dither, Identifier, Level
 from msls_ros.estimation.spikes import LONGEST
 from msls_ros.inputs.dither_echo import DitherEcho
 from msls_ros.inputs.freshness import Freshness
+from msls_ros.inputs.lateness import DriftWatch, Seldom
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 
 
@@ -70,7 +71,7 @@ class Answers:
     publish
         Takes the stamp that is answered [ns], and the dither.
     warn
-        Takes a sentence for the log, as often as it holds.
+        Takes a sentence for the log; of samples that are late at growing intervals, see `Seldom`.
     lockstep
         The plant waits for every answer: no sample is old, and no dither is set to zero.
     """
@@ -99,6 +100,7 @@ class Answers:
         """Samples too old for a dither."""
         self._stamp, self._going = 0, identifier.last_dither
         self._fresh: int | None = None
+        self._drift, self._seldom = DriftWatch(), {kind: Seldom() for kind in ("old", "late")}
         self._held = self._late = 0
         self._answered = Answered()
 
@@ -110,6 +112,7 @@ class Answers:
     def clear(self) -> None:
         """Answer samples of any stamp again, as time begins anew."""
         self._answered.clear()
+        self._drift = DriftWatch()
 
     def take(self, sample: PairedSample, dither: Dither, steady: int, now: int, newest: bool = True) -> bool:
         """Answer a sample if it is fresh; return whether it is.
@@ -140,13 +143,20 @@ class Answers:
         """Whether a sample is too old to be answered by a dither; it is learnt from all the same."""
         limit = self._identifier.configuration.dither.stale_after
         self.age = self._freshness.age(stamp, self._gate.newest, now) * 1e-9
+        rises = self._drift.take(self.age, steady) if newest else False
         if self.age <= limit:
             return False
         if newest:
             self.old += 1
             self._late = steady
-            self._warn(f"samples are {self.age:.2f} s old, more than {limit:g} s: learnt from, but no dither for them")
+            if self._seldom["old"].due(steady) or rises:
+                what = f"samples are {self.age:.2f} s old, more than {limit:g} s: learnt from, but no dither for them"
+                self._warn(what + self._falling)
         return True
+
+    @property
+    def _falling(self) -> str:
+        return f"; {self._drift.sentence}" if self._drift.sentence else ""
 
     def hold(self, held_for: int | None, steady: int) -> bool:
         """Have the last dither go on if more rows are held than before; return whether it does.
@@ -182,7 +192,7 @@ class Answers:
             return Pause(reason, f"{reason}: the dither pauses", True)
         if 2 * (self._late - since) > steady - since:
             reason = f"samples come {self.age:.2f} s late, {more}"
-            return Pause(reason, f"{reason}: learnt from, but the dither is zero", True)
+            return Pause(reason, f"{reason}: learnt from, but the dither is zero{self._falling}", True)
         message = f"no samples for {age:.2f} s ({self._silent(steady, since)}): the dither is zero"
         return Pause(f"no sample for {age:.2f} s, {more}", message, False)
 
@@ -191,7 +201,8 @@ class Answers:
         pause = None if self.stale or self._lockstep else self.pause(steady)
         if pause is None:
             return ""
-        self._warn(pause.message)
+        if not pause.coming or self._seldom["late"].due(steady):
+            self._warn(pause.message)
         return pause.reason
 
     def stop(self, stamp: int, reason: str) -> None:
