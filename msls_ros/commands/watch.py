@@ -16,6 +16,8 @@ BAR = 31
 """Characters of a bar, odd: zero is in the middle."""
 MOMENT = 2.0
 """After which it is said what is waited for [s]."""
+RATED = 1.5
+"""Over which the rates of a single view are measured [s]; diagnostics, once a second, have come by then, too."""
 SIGMAS = 1.96
 """Half of a 95 % band, in standard errors."""
 LEVELS = {0: "off", 1: "nominal", 2: "boosted", 3: "inhibited"}
@@ -31,7 +33,7 @@ def parser() -> argparse.ArgumentParser:
     result.add_argument(
         "--once",
         action="store_true",
-        help="print one view when a model has come, and end; until then say what is missing",
+        help="print one view when a model has come and its rate is known, and end; until then say what is missing",
     )
     return result
 
@@ -75,6 +77,10 @@ def _show(node: Any, parameters: Sequence[str], period: float, once: bool) -> No
             if time.monotonic() >= due and node.model is None and node.waiting() != said:
                 said = node.waiting()
                 print(f"watch: {said}", file=sys.stderr, flush=True)
+        node.rates()
+        end = time.monotonic() + RATED
+        while (left := end - time.monotonic()) > 0.0:
+            executor.spin_once(timeout_sec=left)
         Console().print(render(node, parameters, node.rates()))
         return
     with Live(render(node, parameters, node.rates()), auto_refresh=False) as live:

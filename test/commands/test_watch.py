@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import io
 import os
+import re
 import subprocess
 import sys
+from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from msls_msgs.msg import LinearModel
 from rich.console import Console
 
@@ -80,8 +83,20 @@ def test_once_says_what_it_waits_for_and_ends_with_the_first_model(bench: Bench)
         publisher = bench.probe.create_publisher(LinearModel, "model", INPUT)
         assert "/model: 1 publisher, no message yet" in process.stderr.readline()
         bench.spin_until(publisher.get_subscription_count, "the view")
-        publisher.publish(messages.model_message(10**9, Identifier(Configuration()).estimate(1.0, np.zeros(9))))
+        estimate = Identifier(Configuration()).estimate(1.0, np.zeros(9))
+        model = messages.model_message(10**9, estimate)
+        dither = messages.dither_message(10**9, Configuration().effectors, estimate.dither)
+        said = DiagnosticArray(status=[DiagnosticStatus(name="/identifier: messages", message="identifying")])
+        for topic, message, period in (("dither", dither, 0.02), ("/diagnostics", said, 1.0)):
+            other = bench.probe.create_publisher(type(message), topic, INPUT)
+            bench.probe.create_timer(period, partial(other.publish, message))
+        publisher.publish(model)
+        bench.probe.create_timer(0.02, partial(publisher.publish, model))
+        bench.spin_until(lambda: process.poll() is not None, "the view's end")
         out, rest = process.communicate(timeout=60)
     finally:
         process.kill()
     assert process.returncode == 0 and "P/ddt" in out and rest == ""
+    assert out.startswith("identifying   model ") and "dither: off" in out
+    rates = [float(rate) for rate in re.findall(r"(?:model|dither) ([0-9.]+) Hz", out)]
+    assert len(rates) == 2 and all(20.0 < rate < 80.0 for rate in rates), "50 Hz flowed, on a machine of any load"
