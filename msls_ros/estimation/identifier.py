@@ -71,7 +71,9 @@ class Identifier:
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
-        self._straddle, self._screen = straddle, Screen(c)
+        self.straddle = straddle
+        """As it was given."""
+        self._screen = Screen(c)
         self._begin(c)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
         self._air = make_air(len(self._velocities))
@@ -83,7 +85,7 @@ class Identifier:
     def _begin(self, c: Configuration) -> None:
         """Make what learns, with nothing learnt yet; the rate in the configuration is that of what it learns from."""
         self._learns, self._period = c, self._screen.period
-        self._regression = make_engine(c, self._straddle)
+        self._regression = make_engine(c, self.straddle)
         self._assembly = Assembly(c, self._regression)
         self._preparation = Preparation(c, self._regression)
         self._warm: tuple[Array, Array, Array | None] | None = None

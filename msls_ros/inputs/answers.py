@@ -90,7 +90,8 @@ class Answers:
         self._identifier, self._gate = identifier, gate
         self._silent, self._publish, self._warn, self._lockstep = silent, publish, warn, lockstep
         self._freshness = Freshness()
-        self.echo = DitherEcho(identifier.configuration.effectors, identifier.configuration.sample_rate)
+        configuration = identifier.configuration
+        self.echo = DitherEcho(configuration.effectors, configuration.sample_rate, identifier.straddle)
         """What is known of the dither in the deflections."""
         self.stale = True
         """Whether the dither is zero as no sample was fresh, or somebody has stopped it."""

@@ -7,9 +7,16 @@ dither u, both whitened by the deflection's autoregression (a pilot's inputs are
 
 for each pulse response h of a set: delays, with and without the first-order lag of an actuator. A least-squares gain g
 has a standard error. A dither is missing where every gain is below `NOTHING`, or within `ABSENT` of its errors of zero,
-and a gain of `LEAST` would be `CERTAIN` of them. A feedback that counteracts part of the dither, a rate limit and lost
-samples leave more of it than that. Where noise or a coarse record hides it, nothing is said. Residuals beyond the
-usual, as at steps of a pilot, are left out, for they would hide it; with them the gains must be zero, too.
+and a gain of `LEAST` would be `CERTAIN` of them. Latency that jitters spreads the answer over
+many delays, so that no gain shows much of it: what e has of s over all delays together, each with a weight of its own,
+is to be no more than `CHANCE` allows, either.
+
+Where derivatives are made in a window, deflections have passed it, and the dither is passed through the same: held
+against it as it was sent, it would be looked for above all where the window leaves none of it.
+
+A feedback that counteracts part of the dither, a rate limit and lost samples leave more of it than that. Where noise or
+a coarse record hides it, nothing is said. Residuals beyond the usual, as at steps of a pilot, are left out, for they
+would hide it; with them the gains must be zero, too.
 """
 
 from __future__ import annotations
@@ -21,6 +28,7 @@ from enum import Enum
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.derivatives import interval_weights
 
 WINDOW = 30.0
 """Over which the two are compared [s]."""
@@ -46,6 +54,11 @@ NOTHING = 0.02
 """Gain that is none, however small its error."""
 TWICE = 2
 """Comparisons in a row that must agree before an effector is found."""
+CHANCE = 2.0
+"""Most standard deviations by which the answers over all delays together are more than none would be, where there are
+none. Of 80 echoes through latency of .06 to .16 s that jitters and drops a fifth, in part through actuators of 8 rad/s
+or a window of derivatives, 3 were called missing (with 2.5: 3, 1.5: 2, without: 12), of 10 through .04 to .3 s 4 (7, 4,
+9), of 180 others none. The median time until an absent one is found: 10.5 s (9.5, 10.5, 9.5)."""
 OFTEN = 60
 """Comparisons over a record."""
 FINE = 0.5
@@ -72,12 +85,15 @@ class DitherEcho:
         Names, m of them.
     rate
         Of the samples [Hz].
+    straddle
+        Intervals of the derivatives' window that the deflections have passed; 0: none, see `InputAdapter.straddle`.
     """
 
-    def __init__(self, effectors: Sequence[str], rate: float) -> None:
+    def __init__(self, effectors: Sequence[str], rate: float, straddle: int = 0) -> None:
         """Allocate; see the class."""
         self._names = tuple(effectors)
         self._group = max(round(rate * STEP), 1)
+        self._window = window(round(straddle / self._group))
         size = max(math.ceil(WINDOW * rate / self._group), 8 * ORDER)
         self._rows = np.zeros((size, 1 + 2 * len(self._names)))
         self._sum = np.zeros(self._rows.shape[1])
@@ -163,7 +179,8 @@ class DitherEcho:
         shapes = responses(step)
         if len(grid) < 2 * shapes.shape[1]:
             return Verdict.UNKNOWN
-        return compare(np.interp(grid, time, delta), held, shapes, quantum(delta))
+        smooth = np.convolve(held, self._window, "same")
+        return compare(np.interp(grid, time, delta), smooth, shapes, quantum(delta))
 
 
 def sentence_of(missing: Sequence[str]) -> str:
@@ -173,11 +190,12 @@ def sentence_of(missing: Sequence[str]) -> str:
     return (
         f"the dither commanded for {', '.join(missing)} does not come back in "
         f"{'its deflection' if len(missing) == 1 else 'their deflections'}: nothing adds it to the commands (a mixer "
-        "does), or an effector is stuck or at its limits, or the record is too coarse"
+        "does), or an effector is stuck or at its limits, or the record is too coarse, or the way from dither to "
+        "deflection takes a time that varies by more than .1 s"
     )
 
 
-def find_missing(names: Sequence[str], time: Array, delta: Array, command: Array) -> tuple[str, ...]:
+def find_missing(names: Sequence[str], time: Array, delta: Array, command: Array, straddle: int = 0) -> tuple[str, ...]:
     """Return the effectors whose dither does not come back for a while in a record.
 
     Parameters
@@ -188,10 +206,12 @@ def find_missing(names: Sequence[str], time: Array, delta: Array, command: Array
         (n,) of the samples [s].
     delta, command
         (n, m) measured deflections, and the dither that answered each sample [rad].
+    straddle
+        As for `DitherEcho`.
     """
     if len(time) < 2:
         return ()
-    echo, found = DitherEcho(names, 1.0 / max(float(np.median(np.diff(time))), 1e-4)), set()
+    echo, found = DitherEcho(names, 1.0 / max(float(np.median(np.diff(time))), 1e-4), straddle), set()
     due, every = float(time[0]) + SHORTEST, max(float(time[-1] - time[0]) / OFTEN, 1.0)
     for k, now in enumerate(time.tolist()):
         echo.take(now, delta[k], command[k])
@@ -216,6 +236,14 @@ def responses(step: float) -> Array:
     after = lags - delays[:, None]
     found = np.where(after >= 0, (1.0 - poles) * poles ** np.maximum(after, 0), 0.0)
     return found.reshape(-1, len(lags))
+
+
+def window(intervals: int) -> Array:
+    """Return the (k,) weights of samples in a window of so many intervals, see `derivatives`; 0: one weight."""
+    if intervals < 1:
+        return np.ones(1)
+    weights = interval_weights(intervals)
+    return np.convolve(weights, [0.5, 0.5])
 
 
 def compare(deflection: Array, dither: Array, shapes: Array, step: float) -> Verdict:
@@ -245,11 +273,33 @@ def compare(deflection: Array, dither: Array, shapes: Array, step: float) -> Ver
     coarse = step * step / 12.0 * (1.0 + float(fitted[:ORDER] @ fitted[:ORDER]))
     shown, _ = gains(rest, answers, coarse)
     shown_usual, certain_usual = gains(rest[usual], answers[:, usual], coarse)
-    nothing = np.maximum(ABSENT, NOTHING * certain_usual)
+    shown, nothing = np.maximum(shown, shown_usual), np.maximum(ABSENT, NOTHING * certain_usual)
+    joint = max(together(rest, lagged, coarse), together(rest[usual], lagged[:, usual], coarse))
     few = np.count_nonzero(~usual) <= RARE * len(usual)
-    if few and (LEAST * certain_usual > CERTAIN).all() and (np.maximum(shown, shown_usual) <= nothing).all():
+    seen = (LEAST * certain_usual > CERTAIN).all()
+    if few and seen and (shown <= nothing).all() and joint <= CHANCE:
         return Verdict.MISSING
-    return Verdict.PRESENT if (np.maximum(shown, shown_usual) >= PRESENT).any() else Verdict.UNKNOWN
+    return Verdict.PRESENT if max(float(shown.max()), joint) >= PRESENT else Verdict.UNKNOWN
+
+
+def together(rest: Array, lagged: Array, coarse: float) -> float:
+    """Return by how many standard deviations all delays together explain more than they would of noise.
+
+    A sum of as many squares as there are delays, brought to a normal distribution by its cube root (Wilson and
+    Hilferty, 1931).
+
+    Parameters
+    ----------
+    rest, lagged
+        (n,) and (l, n): the dither of each delay.
+    coarse
+        As for `gains`.
+    """
+    count, noise = len(lagged), float(rest @ rest) / max(len(rest), 1) + coarse + 1e-24
+    cross = lagged @ rest
+    weights: Array = np.linalg.lstsq(lagged @ lagged.T, cross, rcond=1e-10)[0]
+    explained, spread = max(float(cross @ weights), 0.0) / noise, 2.0 / (9.0 * count)
+    return (math.cbrt(explained / count) - 1.0 + spread) / math.sqrt(spread)
 
 
 def gains(rest: Array, answers: Array, coarse: float) -> tuple[Array, Array]:

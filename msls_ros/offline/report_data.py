@@ -193,7 +193,7 @@ class _Gathering:
         truth = truth_of(streams["truth/model"], self.origin, models, self.warnings)
         dither = dither_of(streams["dither"], self.origin, truth, models, self.bag)
         deflections = signals_of(streams["effectors"], self.origin)
-        if said := missing_dither(deflections, dither):
+        if said := missing_dither(deflections, dither, self.record.straddle):
             self.warnings.append(said)
         events = [event_of(stamp, self.origin, event) for stamp, event in streams["fault"]]
         alarms = [e for e in events if e.kind == "detected"]

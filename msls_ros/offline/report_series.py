@@ -125,8 +125,16 @@ def dither_of(
     return replace(dither, realised=_realised(dither, truth, models, log))
 
 
-def missing_dither(deflections: Signals | None, dither: Dither | None) -> str:
-    """Say of which effectors the recorded dither does not come back in the recorded deflections; empty: of none."""
+def missing_dither(deflections: Signals | None, dither: Dither | None, straddle: int = 0) -> str:
+    """Say of which effectors the recorded dither does not come back in the recorded deflections; empty: of none.
+
+    Parameters
+    ----------
+    deflections, dither
+        As recorded; None: they were not.
+    straddle
+        Intervals of the derivatives' window that the deflections have passed; 0: none.
+    """
     if deflections is None or dither is None or not set(dither.effectors) <= set(deflections.names):
         return ""
     places = [deflections.names.index(name) for name in dither.effectors]
@@ -136,7 +144,8 @@ def missing_dither(deflections: Signals | None, dither: Dither | None) -> str:
     valid = (sent >= 0) & (age <= STALE)
     command = np.where(valid[:, None], dither.delta[np.maximum(sent, 0)], 0.0)
     good = np.isfinite(delta).all(axis=1) & np.isfinite(command).all(axis=1)
-    return sentence_of(find_missing(dither.effectors, deflections.time[good], delta[good], command[good]))
+    found = find_missing(dither.effectors, deflections.time[good], delta[good], command[good], straddle)
+    return sentence_of(found)
 
 
 def event_of(stamp: int, origin: int, e: Any) -> Event:

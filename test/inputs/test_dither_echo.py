@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from msls_ros.inputs.derivatives import DerivativeFilter
 from msls_ros.inputs.dither_echo import SHORTEST as LEAST_TIME
 from msls_ros.inputs.dither_echo import DitherEcho
 
@@ -26,14 +27,24 @@ class Stack:
         self.p: dict[str, Any] = {
             "added": True, "rate": 50.0, "rms": 0.003, "corner": 20.0, "delay": 0.05, "fastest": math.inf,
             "feedback": 0.0, "noise": 2e-4, "pilot": 0.02, "wander": 0.002, "lost": 0.0, "record": 0.0,
+            "jitter": 0, "dropped": 0.0, "straddle": 0,
         } | given  # fmt: skip
-        self.echo = DitherEcho(("one", "two"), self.p["rate"])
+        self.late = np.random.default_rng([seed, 1])
+        self.echo = DitherEcho(("one", "two"), self.p["rate"], self.p["straddle"])
+        self.window = DerivativeFilter(self.p["straddle"], 2, 10**9) if self.p["straddle"] else None
         self.found: list[tuple[str, float]] = []
+
+    def take(self, time: float, delta: Any, command: Any) -> None:
+        """Hold deflections, of the window that they complete where there is one, against the dither in answer."""
+        if self.window is None:
+            self.echo.take(time, delta, command)
+        elif (row := self.window.push(round(time * 1e9), delta)) is not None:
+            self.echo.take(row.stamp * 1e-9, row.smooth, command)
 
     def fly(self, seconds: float) -> Stack:
         p, rng = self.p, self.rng
         every, late = round(1.0 / p["rate"] / STEP), round(p["delay"] / STEP)
-        sent = np.zeros((round(seconds / STEP) + 1, 2))
+        sent, arrival = np.zeros((round(seconds / STEP) + 1, 2)), 0
         surface, command, roll, wander = np.zeros(2), np.zeros(2), np.zeros(2), np.zeros(2)
         for k in range(len(sent) - 1):
             time = k * STEP
@@ -45,9 +56,11 @@ class Stack:
                     delta = np.round(delta / p["record"]) * p["record"]
                 if rng.random() >= p["lost"]:
                     command = p["rms"] * rng.standard_normal(2)
-                    self.echo.take(time, delta, command)
-            sent[k] = command
-            dither = sent[k - late] * [p["added"], 1.0] if k >= late else 0.0
+                    self.take(time, delta, command)
+                    if self.late.random() >= p["dropped"]:
+                        arrival = max(arrival, k + late + every * int(self.late.integers(0, p["jitter"] + 1)))
+                        sent[arrival:] = command
+            dither = sent[k] * [p["added"], 1.0]
             stick = 2.0 * p["pilot"] * (1 if time % 8 < 1 else -1 if time % 8 < 2 else 0)
             wanted = stick + wander - p["feedback"] * roll + dither
             surface += STEP * np.clip(p["corner"] * (wanted - surface), -p["fastest"], p["fastest"])
@@ -57,7 +70,9 @@ class Stack:
         return self
 
 
-ADDED = {
+JITTER = {"delay": 0.06, "jitter": 5, "dropped": 0.2}
+"""3 to 8 samples late at 50 Hz, another delay for each, commands held, one in five not added."""
+ADDED: dict[str, dict[str, Any]] = {
     "as a rule": {},
     "late by .2 s": {"delay": 0.2},
     "a slow actuator": {"corner": 8.0, "delay": 0.1},
@@ -76,6 +91,13 @@ ADDED = {
     "100 Hz": {"rate": 100.0},
     "250 Hz": {"rate": 250.0},
     "tiny": {"rms": 2e-5},
+    "latency that jitters": JITTER,
+    "latency that jitters, no pilot, no noise": JITTER | {"noise": 0.0, "pilot": 0.0},
+    "a window of derivatives": {"straddle": 5},
+    "a window of derivatives, a slow actuator": {"straddle": 5, "corner": 8.0, "delay": 0.1},
+    "a window of derivatives, 250 Hz": {"straddle": 25, "rate": 250.0},
+    "a window of derivatives, latency that jitters": JITTER | {"straddle": 5},
+    "as a user flew": JITTER | {"straddle": 5, "rms": 0.02, "fastest": 1.5, "corner": 25.0, "noise": 1e-3},
 }
 
 
@@ -85,13 +107,14 @@ def test_dither_that_is_added_is_never_missed(what: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "given", [{}, {"feedback": 0.5}, {"lost": 0.2}, {"rate": 250.0}, {"rate": 10.0, "wander": 0.0}]
+    "given",
+    [{}, {"feedback": 0.5}, {"lost": 0.2}, {"rate": 250.0}, {"rate": 10.0, "wander": 0.0}, {"straddle": 5}, JITTER],
 )
 def test_dither_that_nobody_adds_is_noticed_and_the_other_is_not(given: dict[str, Any]) -> None:
     stack = Stack(0, added=False, **given).fly(30.0)
     (name, when) = stack.found[0]
     assert (name, len(stack.found), stack.echo.missing, stack.echo.times) == ("one", 1, ("one",), 1)
-    assert when < (20.0 if given.get("feedback") else 12.0)
+    assert when < (20.0 if given.get("feedback") or given is JITTER else 12.0)
     assert "the dither commanded for one does not come back in its deflection" in stack.echo.sentence
 
 
