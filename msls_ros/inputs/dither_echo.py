@@ -297,7 +297,7 @@ def together(rest: Array, lagged: Array, coarse: float) -> float:
     """
     count, noise = len(lagged), float(rest @ rest) / max(len(rest), 1) + coarse + 1e-24
     cross = lagged @ rest
-    weights: Array = np.linalg.lstsq(lagged @ lagged.T, cross, rcond=1e-10)[0]
+    weights = np.asarray(np.linalg.lstsq(lagged @ lagged.T, cross, rcond=1e-10)[0], dtype=np.float64)
     explained, spread = max(float(cross @ weights), 0.0) / noise, 2.0 / (9.0 * count)
     return (math.cbrt(explained / count) - 1.0 + spread) / math.sqrt(spread)
 
