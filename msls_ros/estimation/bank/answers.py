@@ -141,8 +141,11 @@ def observe_smoothed(
         white = own / expected
         x.white_cross[q, j, 0] = s.colour_forgetting * x.white_cross[q, j, 0] + used * white
         x.white_power[q, j] = s.colour_forgetting * x.white_power[q, j] + own * white
-        x.rest_cross[q, j, 0] += used * white
-        x.rest_power[q, j] += own * white
+        quick = phi[i] - x.quick_mean[i]
+        left = min(max(error, -most), most)
+        x.rest_cross[q, j, 0] += left * quick / expected
+        x.rest_power[q, j] += quick * quick / expected
+        x.rest_square[q, j] += left * left / expected
 
 
 @compiled

@@ -62,3 +62,10 @@ def clear_batches(x: BankState, q: int) -> None:
         for i in range(x.batch.shape[2]):
             for n in range(3):
                 x.batch[k, q, i, n] = 0.0
+
+
+@compiled
+def shift_batches(x: BankState, q: int, i: int, step: float) -> None:
+    """Let no batch hold that a loss, which is applied, has moved row q's coefficient i by this step."""
+    for k in range(x.batch.shape[0]):
+        x.batch[k, q, i, 1] += step

@@ -119,6 +119,7 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
         x.rest_energy[j] = 0.0
         x.rest_evidence[:, j] = 0.0
         x.dithered[j] = 0.0
+        x.rested[j] = 0.0
         for k in range(x.quick_past.shape[0]):
             x.quick_past[k, j] = 0.0
         for k in range(x.recent.shape[0]):
@@ -137,6 +138,7 @@ def forget_delays(s: BankSettings, x: BankState, phi: Array) -> None:
             x.white_answered[q, j] = 0.0
             x.rest_cross[q, j, :] = 0.0
             x.rest_power[q, j] = 0.0
+            x.rest_square[q, j] = 0.0
 
 
 @compiled

@@ -21,6 +21,16 @@ is asked whether what was known of the effect answers::
 with the block's sums C = C_0 and P of the squares w^2 of `bank.answers`, over the rows whose effect is known.
 Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
 The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
+What has been decided holds until the other is (`unanswered_noise`).
+
+Through windows the prediction error e is held against what is quick of the deflection itself, u: third differences hold
+little of it there. With S of its squares, of which noise makes no more than ``N = n sigma^2``, the same is ::
+
+    ln(p(none)/p(theta)) = -sum theta (N/S) (1/2 theta N + sum e u) / (s^2 spread)
+
+with the block's own mean of e^2 for s^2 where it is larger than the residual's (members follow smoothed noise), and the
+spread of a sum of products of values that have passed the window (Bartlett). Known is what has been known best, for
+noise of the deflection is in the errors of now.
 
 Records have a step of their own, too (`observe_quanta`): all differences are multiples of the least one. What is
 rounded off is noise, a twelfth of that step squared, whether an output answers or not, however rarely it shows. A
@@ -258,29 +268,39 @@ def observe_rest(s: BankSettings, x: BankState) -> None:
         for q in range(x.rest_cross.shape[0]):
             x.rest_cross[q, j, :] = 0.0
             x.rest_power[q, j] = 0.0
+            x.rest_square[q, j] = 0.0
 
 
 @compiled
 def judge_rest(s: BankSettings, x: BankState, j: int) -> None:
     """Add up the evidence that nothing answers the white motion of effector j, and that it is answered; act on it."""
-    if s.straddle > 0 or x.rest_energy[j] > CALM * s.rest_block * most_noise(s, x, j):
+    if x.rest_energy[j] > CALM * s.rest_block * most_noise(s, x, j):
         x.rest_evidence[:, j] = 0.0
         return
     evidence = evidence_of_rest(s, x, j)
     rested = x.rest_evidence[0, j] >= DECIDED
     x.rest_evidence[0, j] = min(max(x.rest_evidence[0, j] + evidence, 0.0), DECIDED)
     x.rest_evidence[1, j] = min(x.rest_evidence[1, j] + evidence, 0.0)
-    now, dithered = most_noise(s, x, j), x.dithered[j]
+    now = most_noise(s, x, j)
     if x.rest_evidence[1, j] < -DECIDED:
         x.dithered[j] = now
         x.rest_evidence[:, j] = 0.0
         x.third_floor[j] = 0.0
-    elif x.rest_evidence[0, j] >= DECIDED and not (now < ALIKE * dithered and dithered < ALIKE * now):
+        x.rested[j] = 0.0
+    elif x.rest_evidence[0, j] >= DECIDED and not was_answered(s, x, j):
         x.third_floor[j] = now
+        x.rested[j] = now
         for q in range(0 if rested else x.rest_cross.shape[0]):
             for m in range(x.white_cross.shape[2]):
-                x.white_cross[q, j, m] = x.rest_cross[q, j, m]
-            x.white_power[q, j] = x.rest_power[q, j]
+                x.white_cross[q, j, m] = x.rest_cross[q, j, m] if s.straddle == 0 else 0.0
+            x.white_power[q, j] = x.rest_power[q, j] if s.straddle == 0 else x.white_power[q, j]
+
+
+@compiled
+def was_answered(s: BankSettings, x: BankState, j: int) -> bool:
+    """Whether white motion of effector j as large as that of now has been answered before: then it is dither."""
+    now, dithered = most_noise(s, x, j), x.dithered[j]
+    return bool(now < ALIKE * dithered and dithered < ALIKE * now)
 
 
 @compiled
@@ -290,14 +310,22 @@ def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
     evidence = 0.0
     for q in range(x.rest_cross.shape[0]):
         effect = x.mixed[q, i]
-        if x.kept[0] == 0 or x.residual[q, 0] <= 0.0:
+        if x.kept[0] == 0 or x.residual[q, 0] <= 0.0 or (s.straddle > 0 and s.differenced[q] == 0):
             continue
-        if KNOWN * x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i] > effect * effect:
+        known = x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i]
+        if s.straddle > 0:
+            known = x.best_square[q, i]
+        if KNOWN * known > effect * effect:
             continue
+        power, cross = x.rest_power[q, j], x.rest_cross[q, j, s.late if s.straddle == 0 else 0]
         variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1]
-        answer = -x.white_parts[s.kind[q], s.late] * effect
-        power, cross = x.rest_power[q, j], x.rest_cross[q, j, s.late]
-        one = (0.5 * answer * answer * power + answer * cross) / variance
+        if s.straddle > 0:
+            variance = s.rest_spread * max(x.residual[q, 0] / x.residual[q, 1], x.rest_square[q, j] / s.rest_block)
+            answer = effect * min(1.0, s.rest_block * most_noise(s, x, j) / power) if power > 0.0 else 0.0
+            one = -(0.5 * answer * answer * power + answer * cross) / variance
+        else:
+            answer = -x.white_parts[s.kind[q], s.late] * effect
+            one = (0.5 * answer * answer * power + answer * cross) / variance
         evidence += one if cross * cross < ANSWERED * variance * power else min(one, 0.0)
     return evidence
 
@@ -328,6 +356,12 @@ def find_noise(s: BankSettings, x: BankState) -> None:
 def resting_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Variance of the noise in effector j, no less than it had when no output answered, nor more than there can be."""
     return float(max(x.third_noise[j], min(x.third_floor[j], most_noise(s, x, j))))
+
+
+@compiled
+def unanswered_noise(s: BankSettings, x: BankState, j: int) -> float:
+    """Variance of what is noise in effector j, a hundred to one: it has rested since it last was dither."""
+    return 0.0 if was_answered(s, x, j) else float(min(x.rested[j], most_noise(s, x, j)))
 
 
 @compiled

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.batches import shift_batches
 from msls_ros.estimation.bank.changes import begin_window
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, effect_of, noise_of, square_of_effect
@@ -227,6 +228,7 @@ def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> N
             x.theta[q, first + j - 1] = x.mixed[q, first + j]
             x.best_square[q, first + j] = math.inf
             x.square[q, first + j] = math.inf
+            shift_batches(x, q, first + j, step * s.gains[k, j])
     x.mixed[q, 0] += mean_error(x, q, x.mixed[q])
     x.drawn[q] = 0
     for i in range(x.shift.shape[1]):

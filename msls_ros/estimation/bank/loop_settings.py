@@ -112,6 +112,8 @@ class BankSettings(NamedTuple):
     """Samples of which it is asked whether an output has answered an effector, see `bank.effector_noise`."""
     white_spread: float
     """By what the variance of a sum of products of these and outputs is larger than that of independent ones [1]."""
+    rest_spread: float
+    """The same of products of what has passed a window itself, and outputs [1]."""
     answered: float
     """Squared standard errors by which an output may go with them by chance, at all delays together [1]."""
     entry: float

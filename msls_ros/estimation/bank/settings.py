@@ -377,11 +377,12 @@ def _kinematics(
 
 def _noise(period: float, straddle: int) -> dict[str, Any]:
     """Return by what the noise of sensors is found, and what becomes of it where inputs have passed a window."""
-    third, second, white_spread, slope_noise = _window_noise(straddle)
+    third, second, white_spread, slope_noise, rest_spread = _window_noise(straddle)
     return dict(
         third=third,
         second=second,
         white_spread=white_spread,
+        rest_spread=rest_spread,
         answered=_answered(1 if straddle > 0 else 2 * max(1, round(LATE / period)) + 1),
         entry=min(period / ENTRY, 1.0),
         slope_noise=slope_noise * period * period,
@@ -457,13 +458,14 @@ def _window(straddle: int) -> tuple[Array, Array]:
     return np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]), np.diff(raw)
 
 
-def _window_noise(straddle: int) -> tuple[float, float, float, float]:
+def _window_noise(straddle: int) -> tuple[float, float, float, float, float]:
     """Return what white noise becomes in such a window.
 
     By what third and second differences of the values are as large as the noise in them; the variance of a sum of
-    products of the former and of slopes of other noise, over that of independent ones (Bartlett's formula); and the
+    products of the former and of slopes of other noise, over that of independent ones (Bartlett's formula); the
     variance of the values over the least that the best prediction leaves of the slopes, the square of their first
-    weight (Kolmogorov's formula) [sample^2].
+    weight (Kolmogorov's formula) [sample^2]; and the variance of a sum of products of values, over that of independent
+    ones.
     """
     window, slope = _window(straddle)
     thirds, seconds = (np.convolve(window, of) for of in ([1.0, -3.0, 3.0, -1.0], [1.0, -2.0, 1.0]))
@@ -473,7 +475,8 @@ def _window_noise(straddle: int) -> tuple[float, float, float, float]:
     shared = min(len(alike), len(of_slopes))
     spread = 2.0 * float(np.sum(alike[:shared] * of_slopes[:shared])) - 1.0
     third, second = math.sqrt(square / float(np.sum(thirds**2))), math.sqrt(square / float(np.sum(seconds**2)))
-    return third, second, spread, over_slope
+    whole = 2.0 * float(np.sum(_filtered(window) ** 2)) - 1.0
+    return third, second, spread, over_slope, whole
 
 
 def _answered(number: int) -> float:

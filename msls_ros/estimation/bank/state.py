@@ -209,6 +209,8 @@ class BankState(NamedTuple):
     """(p, p) the sums of all blocks that the group has seen, less their means, lower triangle; their number first."""
     window_mean: Array
     """(p,) of the regressors in these."""
+    window_noise: Array
+    """(p,) variance of what is known to be noise in them."""
     window_factor: Array
     """(p, p) Cholesky factor of that, from 1 on, pivots inverted."""
     window_square: Array
@@ -288,12 +290,16 @@ class BankState(NamedTuple):
     """(r, c, lags) the same in the present block of samples."""
     rest_power: Array
     """(r, c) of their squares."""
+    rest_square: Array
+    """(r, c) sums of the squared errors these are held against, through a window."""
     rest_energy: Array
     """(c,) of the squares of what is quick of the deflections."""
     rest_evidence: Array
     """(2, c) that outputs do not answer them, and that they do, negative (cumulative sums)."""
     dithered: Array
     """(c,) `third_median` when all that moved was white and was answered; 0: never."""
+    rested: Array
+    """(c,) the same when nothing answered it; 0: never, or it has been answered since."""
     rest: Integers
     """(1,) number of that block."""
     suspected: Integers

@@ -53,7 +53,7 @@ from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
 from msls_ros.estimation.bank.changes import find_changes
 from msls_ros.estimation.bank.correction import correct
-from msls_ros.estimation.bank.effector_noise import measured_noise
+from msls_ros.estimation.bank.effector_noise import measured_noise, unanswered_noise
 from msls_ros.estimation.bank.elsewhere import (
     distance_from_mean,
     elsewhere_square,
@@ -276,10 +276,20 @@ def forget_best(x: BankState, i: int) -> None:
 
 @compiled
 def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
-    """Square by which the member of the last seconds contradicts row q's coefficient i, beyond what chance makes."""
-    m = s.recent
-    difference = x.members[q, i, m] - x.mixed[q, i]
-    chance = CHANCE * residual_variance(x, q) / x.info[x.group[q], i, m]
+    """Square by which the member of the last seconds contradicts row q's coefficient i, beyond what chance makes.
+
+    What it knows of an effector is less what is noise of its record (`bank.effector_noise`); of one that has moved by
+    less than that it says nothing.
+    """
+    m, g = s.recent, x.group[q]
+    info = x.info[g, i, m]
+    motion = 1.0
+    if s.effectors_from < i <= s.effectors_to:
+        motion -= x.taken[g, m] * unanswered_noise(s, x, i - s.effectors_from - 1) / info
+        if motion < LEARNT:
+            return 0.0
+    difference = (x.members[q, i, m] - motion * x.mixed[q, i]) / motion
+    chance = CHANCE * residual_variance(x, q) / (info * motion)
     share = CONTRADICTED if s.straddle == 0 else CONTRADICTED_THROUGH
     return float(share * max(difference * difference - chance, 0.0))
 
