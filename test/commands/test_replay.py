@@ -22,6 +22,7 @@ from offline.replayed import (
 )
 
 from msls_ros.bags import BagMessage, read
+from msls_ros.commands.compiling import compile_once
 from msls_ros.inputs.block_pairing import PairedBlock
 from msls_ros.inputs.profiles import read_profile
 from msls_ros.offline.replay import keep_parameters
@@ -29,6 +30,8 @@ from msls_ros.offline.sources import SampleSource
 
 
 def test_the_command_prints_one_json_value_and_nothing_else(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    compile_once("bank")
+    capsys.readouterr()
     code, out, err = run(capsys, BAGS / "tail_fault", "--out", tmp_path, "--every", 10, "--json")
     assert (code, err) == (0, [])
     (summary,) = json.loads(out)
