@@ -26,6 +26,7 @@ from benchmarks.calibration_beds import (
     mapped,
     other_beds,
     record,
+    resting_beds,
 )
 from benchmarks.flight_rows import Flight, Row, judge_flights
 from benchmarks.servo_beds import servo_beds
@@ -57,7 +58,7 @@ def beds(kind: str = "") -> list[Bed]:
     """Return the beds: all that a constant may be looked at on, or of one of `KINDS`."""
     if kind in MADE:
         return list(MADE[kind]())
-    found = [*f16_beds(), *intact_beds(), *flight_test_beds()]
+    found = [*f16_beds(), *intact_beds(), *flight_test_beds(), *resting_beds()]
     return [bed for bed in found if bed.name in QUICK] if kind == "quick" else found
 
 

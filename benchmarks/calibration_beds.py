@@ -70,6 +70,12 @@ DITHER = {
 QUIET_DITHER = {"dither.limit_nominal": 0.0, "dither.limit_boosted": 0.0}
 GUSTS = 0.3
 """[m/s]"""
+RESTING = ("resting", "resting loss")
+"""Variants with the sensors of surfaces that most have; half of the rudder is lost in quiet, at `LOST_AT`."""
+SURFACE_NOISE = math.radians(0.05)
+"""[rad]"""
+LOST_AT = 100.0
+"""[s], 37 before the rudder's next input."""
 PATHS = ("direct", "mapped")
 
 
@@ -154,6 +160,12 @@ def flight_test_beds(
                 )
 
 
+def resting_beds(aircraft: tuple[str, ...] = AIRCRAFT, rates: tuple[int, ...] = RATES) -> Iterator[Bed]:
+    """Yield flights of flight test in which surfaces that rest have noise that no motion answers."""
+    for bed in flight_test_beds(aircraft, rates, RESTING):
+        yield replace(bed, group="noisy surfaces")
+
+
 def other_beds(rates: tuple[int, ...] = RATES, variants: tuple[str, ...] = VARIANTS) -> Iterator[Bed]:
     """Yield flights of flight test of `OTHERS`; their profile has names, rate and speed."""
     for bed in flight_test_beds(tuple(OTHERS), rates, variants):
@@ -162,13 +174,16 @@ def other_beds(rates: tuple[int, ...] = RATES, variants: tuple[str, ...] = VARIA
 
 
 def flight_test(name: str, rate: int, variant: str) -> Scenario:
-    """Return the scenario of a flight test: an aircraft of `AIRCRAFT` or `OTHERS`, a rate [Hz], one of `VARIANTS`."""
-    suffix = "_aileron_half" if variant == "loss" else ""
+    """Return the scenario of a flight test: an aircraft of `AIRCRAFT` or `OTHERS`, a rate [Hz], a variant."""
+    suffix = "_aileron_half" if "loss" in variant else ""
     base = find_scenario(f"flight_test_A4{suffix}")
     data = find_aircraft(OTHER_FILES / f"{name}.yaml" if name in OTHERS else name)
     vane = OTHERS[name][0] if name in OTHERS else VANES[name]
     dynamics = max(100, math.ceil(data.airframe.least_rate / rate) * rate)
-    sensors = base.instruments
+    sensors, faults = base.instruments, [replace(fault, airframe=data.airframe) for fault in base.faults]
+    if sensors is not None and variant in RESTING:
+        sensors = sensors.changed({"white": (("deflection", SURFACE_NOISE),)})
+        faults = [replace(fault, effector="dr", time=LOST_AT) for fault in faults]
     return replace(
         base,
         name=f"flight_test_{name}_{rate}_{variant}",
@@ -177,7 +192,7 @@ def flight_test(name: str, rate: int, variant: str) -> Scenario:
         profile=base.profile if name in OTHERS else name,
         gusts=GUSTS if variant == "gusts" else 0.0,
         rates=Rates(dynamics, rate, 5),
-        faults=tuple(replace(fault, airframe=data.airframe) for fault in base.faults),
+        faults=tuple(faults),
         instruments=None if sensors is None else replace(sensors, vane_position=vane),
         parameters={},
     )

@@ -13,7 +13,7 @@ the variance of the latter, ::
 is added to the square of what is published: the square of a bias, less what chance makes of it (Claeskens and Hjort's
 focussed information criterion has ``D^2 - v``). It is for effectors alone. The errors that the detector, the tests of
 losses, the dither and the best that is kept go by are without it: what may have changed must not excuse its own alarm.
-Noise of the deflections makes an effect smaller there. What of it is known to be noise (`bank.effector_noise`) is taken
+Noise of the deflections makes an effect smaller there. What of it is known to be noise (`bank.rest`) is taken
 off the sums: ``(S - n N) D = X'(y - X theta) + n N theta`` (Fuller), and of an effector that moves by less than that
 besides nothing is said. Dither that nobody answers any more looks like noise; but it has been answered when it was as
 large before, and then nothing is taken off.
@@ -42,10 +42,10 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.effector_noise import unanswered_noise
 from msls_ros.estimation.bank.lags import factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.residual import residual_variance
+from msls_ros.estimation.bank.rest import unanswered_noise
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array

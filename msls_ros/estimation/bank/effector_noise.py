@@ -10,27 +10,8 @@ that noise can be::
     d = (u_k - 3 u_(k-1) + 3 u_(k-2) - u_(k-3)) / sqrt 20,      sigma^2 <= median d^2 / .455
 
 It is that while no output answers (`bank.answers`); what an output answers, as dither, is motion. A sensor's noise does
-not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`).
-
-That memory of seconds is full of answers when an effector comes to rest, and for so long its noise passes for motion
-that has lost its effect. So in short blocks in which all that moves is white (no more than third differences hold) it
-is asked whether what was known of the effect answers::
-
-    ln(p(none)/p(theta)) = sum (1/2 a^2 P + a C) / (s^2 spread),     a = -c_0 theta
-
-with the block's sums C = C_0 and P of the squares w^2 of `bank.answers`, over the rows whose effect is known.
-Where it adds up to a hundred to one that nothing answers, the block is all that is remembered, and what moves is noise.
-The total loss of an effector that dithers looks the same; but there white motion as large has been answered before.
-What has been decided holds until the other is (`unanswered_noise`).
-
-Through windows the prediction error e is held against what is quick of the deflection itself, u: third differences hold
-little of it there. With S of its squares, of which noise makes no more than ``N = n sigma^2``, the same is ::
-
-    ln(p(none)/p(theta)) = -sum theta (N/S) (1/2 theta N + sum e u) / (s^2 spread)
-
-with the block's own mean of e^2 for s^2 where it is larger than the residual's (members follow smoothed noise), and the
-spread of a sum of products of values that have passed the window (Bartlett). Known is what has been known best, for
-noise of the deflection is in the errors of now.
+not end when the effector moves: where a loss is looked for, it stays what it was (`resting_noise`). Whether it rests
+says `bank.rest`.
 
 Records have a step of their own, too (`observe_quanta`): all differences are multiples of the least one. What is
 rounded off is noise, a twelfth of that step squared, whether an output answers or not, however rarely it shows. A
@@ -53,7 +34,7 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.answers import ANSWERED, EDGE, MEDIAN, find_parts, median_of, square_of_answers
+from msls_ros.estimation.bank.answers import EDGE, MEDIAN, find_parts, median_of, square_of_answers
 from msls_ros.estimation.bank.lags import KEEP
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.speed import power_of, ratio_of
@@ -81,23 +62,6 @@ QUIET = 1.5
 """For so long no output may answer, for it to be noise from then on [s].
 
 60 made-up linear aircraft (as `benchmark linear`): wrong names 3 -> 0, false and late alarms 19 -> 11.
-"""
-CALM = 2.0
-"""Mean square of what is quick of a deflection, over the variance by third differences, up to which all of it is white.
-
-An effector that moves has 10 to 100, dither behind an actuator of 20 rad/s 1 to 8 (A-4, 50 Hz).
-"""
-ALIKE = 4.0
-"""By which factor white motion may differ in square from what was answered before, and count as the same."""
-KNOWN = 25.0
-"""Squared standard errors by which an effect must differ from none, to be missed: as `bank.losses.KNOWN_WELL`."""
-DECIDED = 4.5
-"""Logarithm of the likelihood ratio that decides whether an effector rests: a hundred to one.
-
-Made-up linear aircraft as measured (as `benchmark linear`), seeds 4030 to 4119 at 25 Hz, without and with: false alarms
-8 -> 2, names 34 right both, wrong 4 -> 0; 3000 to 3119 13 -> 7, 47 -> 49, 1 both; 2000 to 2119 11 -> 10, 38 -> 41, 3 ->
-0. Half ailerons of an A-4 that only dither shows, medium noise: 20 of 20 seen both ways; 18 where what has once been
-taken for noise stays so, though it is answered later; without noise 12 where a half of an answer may be none.
 """
 
 
@@ -256,84 +220,8 @@ def entering_part(s: BankSettings, x: BankState, q: int, i: int, turned: float) 
 
 
 @compiled
-def observe_rest(s: BankSettings, x: BankState) -> None:
-    """Ask of each effector, once in `BankSettings.rest_block` samples, whether it rests; see the module."""
-    block = x.samples[0] // s.rest_block
-    if block == x.rest[0]:
-        return
-    x.rest[0] = block
-    for j in range(x.whites.shape[1]):
-        judge_rest(s, x, j)
-        x.rest_energy[j] = 0.0
-        for q in range(x.rest_cross.shape[0]):
-            x.rest_cross[q, j, :] = 0.0
-            x.rest_power[q, j] = 0.0
-            x.rest_square[q, j] = 0.0
-
-
-@compiled
-def judge_rest(s: BankSettings, x: BankState, j: int) -> None:
-    """Add up the evidence that nothing answers the white motion of effector j, and that it is answered; act on it."""
-    if x.rest_energy[j] > CALM * s.rest_block * most_noise(s, x, j):
-        x.rest_evidence[:, j] = 0.0
-        return
-    evidence = evidence_of_rest(s, x, j)
-    rested = x.rest_evidence[0, j] >= DECIDED
-    x.rest_evidence[0, j] = min(max(x.rest_evidence[0, j] + evidence, 0.0), DECIDED)
-    x.rest_evidence[1, j] = min(x.rest_evidence[1, j] + evidence, 0.0)
-    now = most_noise(s, x, j)
-    if x.rest_evidence[1, j] < -DECIDED:
-        x.dithered[j] = now
-        x.rest_evidence[:, j] = 0.0
-        x.third_floor[j] = 0.0
-        x.rested[j] = 0.0
-    elif x.rest_evidence[0, j] >= DECIDED and not was_answered(s, x, j):
-        x.third_floor[j] = now
-        x.rested[j] = now
-        for q in range(0 if rested else x.rest_cross.shape[0]):
-            for m in range(x.white_cross.shape[2]):
-                x.white_cross[q, j, m] = x.rest_cross[q, j, m] if s.straddle == 0 else 0.0
-            x.white_power[q, j] = x.rest_power[q, j] if s.straddle == 0 else x.white_power[q, j]
-
-
-@compiled
-def was_answered(s: BankSettings, x: BankState, j: int) -> bool:
-    """Whether white motion of effector j as large as that of now has been answered before: then it is dither."""
-    now, dithered = most_noise(s, x, j), x.dithered[j]
-    return bool(now < ALIKE * dithered and dithered < ALIKE * now)
-
-
-@compiled
-def evidence_of_rest(s: BankSettings, x: BankState, j: int) -> float:
-    """Log likelihood ratio of no answer to effector j's white motion in the present block, over the known effect's."""
-    i = s.effectors_from + 1 + j
-    evidence = 0.0
-    for q in range(x.rest_cross.shape[0]):
-        effect = x.mixed[q, i]
-        if x.kept[0] == 0 or x.residual[q, 0] <= 0.0 or (s.straddle > 0 and s.differenced[q] == 0):
-            continue
-        known = x.kept_square[(x.kept[0] - 1) % x.kept_square.shape[0], q, i]
-        if s.straddle > 0:
-            known = x.best_square[q, i]
-        if KNOWN * known > effect * effect:
-            continue
-        power, cross = x.rest_power[q, j], x.rest_cross[q, j, s.late if s.straddle == 0 else 0]
-        variance = s.white_spread * x.residual[q, 0] / x.residual[q, 1]
-        if s.straddle > 0:
-            variance = s.rest_spread * max(x.residual[q, 0] / x.residual[q, 1], x.rest_square[q, j] / s.rest_block)
-            answer = effect * min(1.0, s.rest_block * most_noise(s, x, j) / power) if power > 0.0 else 0.0
-            one = -(0.5 * answer * answer * power + answer * cross) / variance
-        else:
-            answer = -x.white_parts[s.kind[q], s.late] * effect
-            one = (0.5 * answer * answer * power + answer * cross) / variance
-        evidence += one if cross * cross < ANSWERED * variance * power else min(one, 0.0)
-    return evidence
-
-
-@compiled
 def find_noise(s: BankSettings, x: BankState) -> None:
     """Find the variance of the noise in the deflections, ``x.third_noise``: nothing where an output answers it."""
-    observe_rest(s, x)
     if s.straddle == 0:
         find_parts(s, x)
     for j in range(x.whites.shape[1]):
@@ -356,12 +244,6 @@ def find_noise(s: BankSettings, x: BankState) -> None:
 def resting_noise(s: BankSettings, x: BankState, j: int) -> float:
     """Variance of the noise in effector j, no less than it had when no output answered, nor more than there can be."""
     return float(max(x.third_noise[j], min(x.third_floor[j], most_noise(s, x, j))))
-
-
-@compiled
-def unanswered_noise(s: BankSettings, x: BankState, j: int) -> float:
-    """Variance of what is noise in effector j, a hundred to one: it has rested since it last was dither."""
-    return 0.0 if was_answered(s, x, j) else float(min(x.rested[j], most_noise(s, x, j)))
 
 
 @compiled

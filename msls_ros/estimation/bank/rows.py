@@ -39,6 +39,7 @@ from msls_ros.estimation.bank.members import update_members
 from msls_ros.estimation.bank.mixing import find_sharpest, judge, mix, weigh
 from msls_ros.estimation.bank.residual import observe_errors, residual_variance
 from msls_ros.estimation.bank.responses import held_back, respond
+from msls_ros.estimation.bank.rest import observe_rest
 from msls_ros.estimation.bank.shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank.speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank.start import clear_factors
@@ -234,6 +235,7 @@ def observe_delay(s: BankSettings, x: BankState, y: Array, work: BankWork) -> No
         observe_output(s, x, q, y[q])
     if x.samples[0] % KEEP == 0:
         find_delay(s, x, work.factor, work.w, work.squares, work.difference)
+        observe_rest(s, x)
         find_noise(s, x)
 
 

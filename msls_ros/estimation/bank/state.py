@@ -287,9 +287,9 @@ class BankState(NamedTuple):
     white_answered: Array
     """(r, c) median square of what outputs did, without a window (r, 0) of the errors, over what is expected of it."""
     rest_cross: Array
-    """(r, c, lags) the same in the present block of samples."""
+    """(r, c, lags) the same in the present block of samples; through a window of the errors with what is quick."""
     rest_power: Array
-    """(r, c) of their squares."""
+    """(r, c) of the squares of what the outputs are held against there."""
     rest_square: Array
     """(r, c) sums of the squared errors these are held against, through a window."""
     rest_energy: Array

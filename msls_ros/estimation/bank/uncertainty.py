@@ -53,7 +53,7 @@ from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
 from msls_ros.estimation.bank.changes import find_changes
 from msls_ros.estimation.bank.correction import correct
-from msls_ros.estimation.bank.effector_noise import measured_noise, unanswered_noise
+from msls_ros.estimation.bank.effector_noise import measured_noise
 from msls_ros.estimation.bank.elsewhere import (
     distance_from_mean,
     elsewhere_square,
@@ -71,6 +71,7 @@ from msls_ros.estimation.bank.lags import (
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.mixing import sum_members
 from msls_ros.estimation.bank.residual import autocorrelation, residual_variance
+from msls_ros.estimation.bank.rest import unanswered_noise
 from msls_ros.estimation.bank.speed import power_of, ratio_of, slope_by_speed, speed_of
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.suspects import suspect_square
