@@ -2,16 +2,17 @@
 
 Every entry is a ROS parameter of one line, words separated by spaces::
 
-    topics.ALIAS:     TOPIC TYPE [stamp=PATH|arrival] [unit=s|ms|us|ns] [delay=SECONDS]
+    topics.ALIAS:     TOPIC TYPE [stamp=PATH|arrival] [unit=s|ms|us|ns] [delay=SECONDS] [servo=SECONDS]
     everything else:  ALIAS PATH [scale=1] [zero=0] [offset=0] [frame=...] [hold=true] [age=SECONDS] [delay=SECONDS]
-                      [lag=SECONDS]
+                      [lag=SECONDS] [servo=SECONDS]
 
 A value is ``scale * (raw - zero) + offset``; a negative scale turns the sign. Of a vector each of the three may be one
 number, or one for each axis: ``zero=0.01,-0.02,0.0``. An effector that several channels of a message make has a path to
 each and is the sum of their values: ``servos control[0],control[1] scale=0.5,-0.5``. The true instant of a message is
 its stamp less its delay. What follows with a first-order lag T, as the pressure of a static port does, is taken back:
-``m + T dm/dt`` of the measured m, midway between each two samples. See `field_paths` for PATH, and the shipped profiles
-for examples.
+``m + T dm/dt`` of the measured m, midway between each two samples. An effector that is a command becomes the deflection
+of a servo whose time constant is known (see `servo_lag`). See `field_paths` for PATH, and the shipped profiles for
+examples.
 """
 
 from __future__ import annotations
@@ -44,6 +45,9 @@ beside a velocity is only compared with it."""
 WIND = "wind"
 """Of the air over ground, in an earth frame: taken off a velocity over ground [m/s]."""
 SCALARS = ("states", "derivatives", "effectors")
+_EFFECTORS = "effectors."
+_SLOWEST_SERVO = 1.0
+"""Time constant of any servo, at most [s]."""
 UNITS = {"s": 1_000_000_000, "ms": 1_000_000, "us": 1_000, "ns": 1}
 
 
@@ -59,6 +63,8 @@ class TopicInput:
     """Of a stamp that is a number [ns]."""
     delay: int
     """What is recorded was true so long before its stamp [ns]."""
+    servo: float = 0.0
+    """Time constant of the servos that follow its effectors, which are commands [s]; 0: they are deflections."""
 
     def instant(self, arrival: int, message: Any) -> int:
         """Return the stamp of a message [ns]; the delay is not yet taken off.
@@ -106,11 +112,13 @@ class StreamInput:
     track: Track
     lag: float = 0.0
     """Time constant with which what is measured follows [s]."""
+    servo: float = 0.0
+    """Time constant of the servo that follows a command [s]; 0: it is no command, or its servo is not known."""
 
     @cached_property
     def summed(self) -> bool:
         """Whether it is an effector of several channels: the sum of their values."""
-        return self.path.size > 1 and self.name.startswith("effectors.")
+        return self.path.size > 1 and self.name.startswith(_EFFECTORS)
 
     @cached_property
     def size(self) -> int:
@@ -196,6 +204,7 @@ class InputMap:
             message = f"inputs.clock is '{plain['clock']}'; it must be one of the topics, {listed(topics)}"
             message += nearest(str(plain["clock"]), topics)
             raise EstimationError(message)
+        _check_servos(topics, streams.values())
         names = [t.topic for t in topics.values()]
         if len(set(names)) != len(names):
             message = f"inputs.topics: {listed(names)}: each topic can have one alias only"
@@ -223,6 +232,16 @@ def _check_known(names: Iterable[str]) -> None:
             known = (*PLAIN, "topics.ALIAS", *VECTORS, *AIR_DATA, WIND, *(f"{s}.NAME" for s in SCALARS))
             near = nearest(name, (*single, *(f"{each}.{rest}" if rest else each for each in groups)))
             message = f"parameter 'inputs.{name}' does not exist; there are {', '.join(known)}{near}"
+            raise EstimationError(message)
+
+
+def _check_servos(topics: Mapping[str, TopicInput], streams: Iterable[StreamInput]) -> None:
+    """Refuse the servo of a topic that gives no effector."""
+    commanded = {s.source for s in streams if s.name.startswith(_EFFECTORS)}
+    for alias, topic in topics.items():
+        if topic.servo > 0.0 and alias not in commanded:
+            message = f"parameter 'inputs.topics.{alias}': servo={topic.servo:g}, but it gives no effector; a servo "
+            message += "follows the commands of effectors only"
             raise EstimationError(message)
 
 
@@ -282,6 +301,12 @@ class _Words:
             raise EstimationError(message)
         return found
 
+    def refuse(self, key: str, why: str) -> None:
+        """Refuse an option that other lines have."""
+        if key in self._options:
+            message = f"{key}={self._options[key]}: {why}"
+            raise EstimationError(message)
+
     def check_empty(self) -> None:
         if self._options:
             wrong = min(self._options)
@@ -322,6 +347,7 @@ def _topic(words: _Words) -> TopicInput:
         None if stamp == "arrival" else FieldPath(stamp),
         UNITS[words.choice("unit", "s", tuple(UNITS))],
         round(1e9 * words.number("delay", 0.0, -10.0, 10.0)),
+        words.number("servo", 0.0, 0.0, _SLOWEST_SERVO),
     )
 
 
@@ -345,8 +371,22 @@ def _stream(name: str, topics: Mapping[str, TopicInput], age: int, words: _Words
         earth,
         round(1e9 * words.number("delay", topics[source].delay * 1e-9, -10.0, 10.0)),
         Track(f"{name} ({topics[source].topic} {path})", held, own_age, size == 4),
-        words.number("lag", 0.0, 0.0, 10.0) if name != "attitude" else 0.0,
+        lag := words.number("lag", 0.0, 0.0, 10.0) if name != "attitude" else 0.0,
+        _servo(name, topics[source].servo, words, held=held, lag=lag),
     )
+
+
+def _servo(name: str, of_topic: float, words: _Words, *, held: bool, lag: float) -> float:
+    """Return the time constant of the servo that follows an effector [s]."""
+    if not name.startswith(_EFFECTORS):
+        words.refuse("servo", "a servo follows the command of an effector; of what is measured give lag")
+        return 0.0
+    servo = words.number("servo", of_topic, 0.0, _SLOWEST_SERVO)
+    if servo > 0.0 and (held or lag > 0.0):
+        other = "hold=true" if held else f"lag={lag:g}"
+        message = f"servo={servo:g} and {other}: give one of the two; servo=0 is none, where the topic has one"
+        raise EstimationError(message)
+    return servo
 
 
 def _size(name: str, path: str) -> int:
@@ -355,7 +395,7 @@ def _size(name: str, path: str) -> int:
         return 4
     if name == WIND:
         return 2 if path.count(",") == 1 else 3
-    if name.startswith("effectors."):
+    if name.startswith(_EFFECTORS):
         return path.count(",") + 1
     return 3 if name in VECTORS else 1
 

@@ -18,6 +18,7 @@ from msls_ros.estimation import LARGEST
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.input_map import InputMap, StreamInput
+from msls_ros.inputs.servo_lag import followed
 from msls_ros.inputs.timeline import Refused
 
 Stamps = NDArray[np.int64]
@@ -141,7 +142,10 @@ class Collector:
                 values = np.array(rows, dtype=np.float64)[good]
                 if name.removeprefix("states.") in ("Phi", "Theta", "Psi"):
                     values = np.unwrap(values, axis=0)
-                one = Series(self._inputs.streams[name], times[good], values)
+                stream = self._inputs.streams[name]
+                if stream.servo > 0.0:
+                    values = followed(times[good], values[:, 0], stream.servo, stream.track.age)[:, None]
+                one = Series(stream, times[good], values)
                 result.series[name] = _unlagged(one) if one.stream.lag > 0.0 and len(one.stamps) > 1 else one
         for alias, (given, logged) in self._times.items():
             times = np.array(given, dtype=np.int64)
