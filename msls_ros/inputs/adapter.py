@@ -39,6 +39,7 @@ from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.input_map import VECTORS, WIND, InputMap, StreamInput, TopicInput, unlagged
 from msls_ros.inputs.input_plan import arm, plan
 from msls_ros.inputs.pacing import Pacer, slowest_pace
+from msls_ros.inputs.servo_lag import ServoLag
 from msls_ros.inputs.slow_topics import SlowTopics
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
@@ -142,9 +143,10 @@ class InputAdapter:
         delays = [s.delay for s in streams] + [inputs.topics[inputs.clock].delay]
         patience = inputs.maximum_age + max(delays) - min(delays)
         clock = inputs.topics[inputs.clock].topic
-        self._aligner = Aligner([s.track for s in streams], patience, self._refuse, clock)
+        own = [i for i, _ in self._of_topic[clock]]
+        self._aligner = Aligner([s.track for s in streams], patience, self._refuse, clock, own)
         self._pacer = Pacer(streams, sample_rate, slowest)
-        self.slow = SlowTopics(streams, [inputs.topics[s.source].topic for s in streams], sample_rate)
+        self.slow = SlowTopics(streams, [inputs.topics[s.source].topic for s in streams], sample_rate, slowest)
         self._arm, self._vane = arm(inputs, self.methods), inputs.vane_position
         lever = any(self._arm) and "angular_acceleration" not in inputs.streams
         differentiated = lever or "differentiated" in self.methods.values()
@@ -328,6 +330,7 @@ class InputAdapter:
         self._pacer.clear()
         self.slow.clear()
         self._lagging: dict[int, tuple[int, Values]] = {}
+        self._servos = {i: ServoLag(s.servo, s.track.age) for i, s in enumerate(self._streams) if s.servo > 0.0}
         self._aligner.clear()
         self._spikes.clear()
         self._held = self._last_used = self._newest = 0
@@ -380,6 +383,8 @@ class InputAdapter:
                 return True
             values = unlagged(stream.lag, before[1], values, (stamp - before[0]) * 1e-9)
             stamp = (before[0] + stamp) // 2
+        if index in self._servos:
+            values = (self._servos[index].take(stamp, values[0]),)
         instant = stamp - stream.delay
         self._aligner.add(index, instant, values)
         self.slow.sample(index, instant)

@@ -10,12 +10,14 @@ instant is refused and counted.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass
 
 from msls_ros.inputs.synchronizer import Refused
 from msls_ros.inputs.timeline import FORWARD, TWO_CLOCKS
 
+GONE_ON = FORWARD // 5
+"""By how much streams of two clocks go on apart, both of them, until they are called so [ns]."""
 KEPT = 4096
 """Samples kept per stream where the clock has stopped."""
 
@@ -48,10 +50,29 @@ class _Buffer:
     """The samples of a stream that are still needed."""
 
     def __init__(self, track: Track, clock: str) -> None:
+        """Start empty; the clock has no name, where it is of the same messages."""
         self.track, self.clock = track, clock
+        self.clear()
+
+    def clear(self) -> None:
         self.samples: deque[tuple[int, Values]] = deque(maxlen=KEPT)
-        self.ahead = 0
+        self._ahead = 0
         """By how much the newest was after the clock's newest instant as it came [ns]."""
+        self._since: tuple[int, int] | None = None
+        """Stamps of stream and clock from which on they have been far apart; None: they are not."""
+        self._apart = False
+
+    def compare(self, stamp: int, clock: int) -> None:
+        """Note how far a stamp is from the clock's newest [ns].
+
+        Of two clocks both go on far apart; after a stall, what has waited of one comes before that of the other.
+        """
+        self._ahead = stamp - clock
+        if abs(self._ahead) <= FORWARD:
+            self._since = None
+        elif self._since is None:
+            self._since = stamp, clock
+        self._apart = self._since is not None and min(stamp - self._since[0], clock - self._since[1]) >= GONE_ON
 
     def add(self, stamp: int, values: Values) -> None:
         if self.track.quaternion and self.samples:
@@ -101,10 +122,10 @@ class _Buffer:
     @property
     def apart(self) -> str:
         """That stamps are too far from the clock's for a delay or a gap; empty: they are not."""
-        if abs(self.ahead) <= FORWARD:
+        if not self._apart or not self.clock:
             return ""
-        where = "after" if self.ahead > 0 else "before"
-        return f"its stamps are {abs(self.ahead) * 1e-9:.1f} s {where} those of {self.clock}: {TWO_CLOCKS}"
+        where = "after" if self._ahead > 0 else "before"
+        return f"its stamps are {abs(self._ahead) * 1e-9:.1f} s {where} those of {self.clock}: {TWO_CLOCKS}"
 
 
 class Aligner:
@@ -120,13 +141,20 @@ class Aligner:
         Told about each instant that is refused.
     clock
         What sets the instants, as it is called in sentences.
+    own
+        Indices of the streams that come in the clock's own messages.
     """
 
     def __init__(
-        self, tracks: Sequence[Track], patience: int, refuse: Callable[[Refused], None], clock: str = "the clock"
+        self,
+        tracks: Sequence[Track],
+        patience: int,
+        refuse: Callable[[Refused], None],
+        clock: str = "the clock",
+        own: Container[int] = (),
     ) -> None:
         """Start empty; see the class."""
-        self._buffers = [_Buffer(track, clock) for track in tracks]
+        self._buffers = [_Buffer(track, "" if i in own else clock) for i, track in enumerate(tracks)]
         self._patience, self._refuse = patience, refuse
         self._instants: deque[int] = deque()
         self._newest = 0
@@ -136,8 +164,7 @@ class Aligner:
         self._instants.clear()
         self._newest = 0
         for buffer in self._buffers:
-            buffer.samples.clear()
-            buffer.ahead = 0
+            buffer.clear()
 
     @property
     def waiting(self) -> tuple[int, ...]:
@@ -151,7 +178,8 @@ class Aligner:
     def add(self, track: int, stamp: int, values: Values) -> None:
         """Take a sample of the stream with an index among the tracks; stamps [ns] of a stream rise."""
         self._buffers[track].add(stamp, values)
-        self._buffers[track].ahead = stamp - self._newest if self._newest else 0
+        if self._newest:
+            self._buffers[track].compare(stamp, self._newest)
 
     def tick(self, stamp: int) -> None:
         """Take an instant of the clock [ns], later than those before."""

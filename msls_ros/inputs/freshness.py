@@ -121,7 +121,8 @@ class RateWatch:
 class LossWatch:
     """Whether samples get lost because they come faster than real time, as from a bag or a simulation.
 
-    A queue holds as much time as a sample is of use in flight; at ten times real time that is a tenth of it.
+    A queue holds as much time as a sample is of use in flight; at ten times real time that is a tenth of it. What comes
+    faster only to make up for a stall is none of that: the stamps must gain on the clock beyond where they were before.
 
     Parameters
     ----------
@@ -134,8 +135,10 @@ class LossWatch:
     def __init__(self, nominal: float, queue: float) -> None:
         """Begin; see the class."""
         self._period, self._queue = 1e9 / nominal, queue
-        self._last = self._missing = 0
+        self._last, self._missing = 0, 0.0
         self._since: tuple[int, int] | None = None
+        self._most = 0
+        self._before: int | None = None
         self.lost = 0
         """Samples lost so, by their stamps."""
         self.sentence = ""
@@ -151,19 +154,22 @@ class LossWatch:
         Stamps that go back, or on by more than `WINDOW`, begin anew.
         """
         if self._since is None or not 0 < stamp - self._last <= WINDOW:
-            self._since, self._last, self._missing = (stamp, now), stamp, 0
+            self._since, self._last, self._missing = (stamp, now), stamp, 0.0
+            self._most, self._before = stamp - now, None
             return False
-        self._missing += max(round((stamp - self._last) / self._period) - 1, 0)
-        self._last = stamp
+        self._missing += self._period * max(round((stamp - self._last) / self._period) - 1, 0)
+        self._last, self._most = stamp, max(self._most, stamp - now)
         span, passed = stamp - self._since[0], now - self._since[1]
         if span < WINDOW or passed < SPAN:
             return False
-        told, speed, missing = bool(self.sentence), span / passed, self._missing
-        self._since, self._missing, self.sentence = (stamp, now), 0, ""
-        if speed < FASTER or missing < LOST * span / self._period:
+        told, missing = bool(self.sentence), self._missing
+        gained = 0 if self._before is None else min(self._most - self._before, span - passed)
+        speed = 1.0 + gained / passed
+        self._since, self._missing, self._before, self.sentence = (stamp, now), 0.0, self._most, ""
+        if speed < FASTER or missing < LOST * span:
             return False
-        self.lost += missing
-        share = 100.0 * missing * self._period / span
+        self.lost += round(missing / self._period)
+        share = 100.0 * missing / span
         self.sentence = (
             f"samples come {speed:.3g} times as fast as real time, and {share:.0f} % of them are lost: start with a "
             f"larger 'queue', {speed * self._queue:.2g} or more; it is {self._queue:g} s of samples"

@@ -33,11 +33,15 @@ class SlowTopics:
         The topic of each.
     sample_rate
         Configured [Hz]; 0: not known, nothing is too slow.
+    slowest
+        Longest step of a stream that sets the pace [s]; 0: none does.
     """
 
-    def __init__(self, streams: Sequence[StreamInput], topics: Sequence[str], sample_rate: float) -> None:
+    def __init__(
+        self, streams: Sequence[StreamInput], topics: Sequence[str], sample_rate: float, slowest: float = 0.0
+    ) -> None:
         """Know of no message yet; see the class."""
-        self._streams, self._topics, self._rate = streams, topics, sample_rate
+        self._streams, self._topics, self._rate, self._slowest = streams, topics, sample_rate, slowest
         self.samples: Counter[str] = Counter()
         """Samples that were made while a topic was too slow, by topic."""
         self._said: set[str] = set()
@@ -48,6 +52,7 @@ class SlowTopics:
         self._last: list[int | None] = [None] * len(self._streams)
         self._step = [0.0] * len(self._streams)
         self._slow = [0] * len(self._streams)
+        self._pacer = -1
 
     def sample(self, index: int, stamp: int) -> None:
         """Take the stamp of a stream's sample [ns]."""
@@ -68,8 +73,14 @@ class SlowTopics:
             self.samples[topic] += count
 
     def found(self, pacer: int) -> dict[str, str]:
-        """Return a sentence for each topic that is too slow; ``pacer``: the stream that sets the pace, -1: none."""
-        pace = self._topics[pacer] if pacer >= 0 else ""
+        """Return a sentence for each topic that is too slow; ``pacer``: the stream that sets the pace, -1: none.
+
+        That which has set the pace is not named while the clock does in between, as where samples are lost.
+        """
+        if pacer >= 0:
+            self._pacer = pacer
+        paced = pacer >= 0 or (self._pacer >= 0 and self._step[self._pacer] <= self._slowest)
+        pace = self._topics[self._pacer] if paced else ""
         found: dict[str, str] = {}
         for index, stream in enumerate(self._streams):
             topic, slow = self._topics[index], self._slow[index] >= LEAST

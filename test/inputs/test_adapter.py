@@ -264,6 +264,27 @@ def test_a_stream_that_has_stopped_or_is_late_is_of_the_same_clock(late: int) ->
     assert len(reports) > 80 and not any("two clocks" in str(one) for one in reports) and not made.apart("/b")
 
 
+@pytest.mark.parametrize("stall", [120, 300])
+def test_after_a_stall_no_stream_is_called_of_another_clock(stall: int) -> None:
+    """What has waited of /b comes before what has waited of /a, the clock; then both in turn."""
+    made, found = adapter(states=("s",)), set()
+    sent = [one for k in range(100) for one in sample(k)]
+    sent += [sample(k)[1] for k in range(100 + stall, 100 + 2 * stall)]
+    sent += [sample(k)[0] for k in range(100 + stall, 100 + 2 * stall)]
+    for one in [*sent, *(m for k in range(100 + 2 * stall, 800) for m in sample(k))]:
+        made.push(*one)
+        found |= {made.apart("/a"), made.apart("/b")}
+    assert found == {""}
+
+
+def test_a_stream_of_the_clocks_own_messages_is_never_of_another_clock() -> None:
+    made = adapter({"states": {"s": "a s delay=1.5"}, "maximum_age": 2.0})
+    for k in range(400):
+        for one in sample(k):
+            made.push(*one)
+    assert made.apart("/a") == ""
+
+
 def test_a_stream_that_is_held_is_not_waited_for() -> None:
     made = adapter({"effectors": {"e": "b e hold=true age=0.3"}})
     assert made.push(*sample(0)[1]) == []

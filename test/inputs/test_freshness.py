@@ -73,7 +73,7 @@ def test_samples_that_are_lost_faster_than_real_time_name_the_queue_once(lost: i
     watch, (said,) = losses(10.0, lost, of)
     assert said.startswith("samples come 10 times as fast as real time") and "'queue', 1 or more" in said
     assert abs(int(said.partition(" %")[0].rpartition(" ")[2]) - share) <= 5
-    assert watch.sentence and 0.8 * 1250 * lost / of < watch.lost <= 1500 * lost / of
+    assert watch.sentence and 0.8 * 1000 * lost / of < watch.lost <= 1500 * lost / of
 
 
 @pytest.mark.parametrize(("speed", "lost", "of"), [(10.0, 0, 10), (1.0, 2, 10), (0.1, 5, 10), (1.3, 30, 40)])
@@ -90,3 +90,23 @@ def test_a_loss_that_is_over_is_no_longer_said_nor_counts_what_a_jump_of_time_sk
     assert watch.sentence == ""
     before = watch.lost
     assert not watch.take(SECOND, 2 * last) and watch.lost == before
+
+
+def test_what_makes_up_for_a_stall_names_no_queue() -> None:
+    """In real time at 50 Hz, a stall of 5 s; then what has waited, a third of it lost, at three times real time."""
+    watch, said, now = LossWatch(50.0, 0.1), [], 0
+    for k in range(50 * 60):
+        behind = 0 if k < 1000 else max(5 * SECOND - (k - 1000) * SECOND * 2 // 150, 0)
+        now = k * SECOND // 50 + behind
+        if (behind == 0 or k % 3) and watch.take(k * SECOND // 50, now):
+            said.append(watch.sentence)
+    assert (said, watch.lost) == ([], 0)
+
+
+def test_a_share_of_samples_lost_is_less_than_all_whatever_rate_is_expected_in_between() -> None:
+    watch, said = LossWatch(100.0, 0.1), []
+    for k in range(3000):
+        watch.expect(100.0 if k % 100 < 60 else 40.0)
+        if k % 10 < 3 and watch.take(k * SECOND // 100, k * SECOND // 1000):
+            said.append(watch.sentence)
+    assert said and all(0 < int(one.partition(" %")[0].rpartition(" ")[2]) < 100 for one in said), said

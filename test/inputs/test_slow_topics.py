@@ -13,6 +13,7 @@ from inputs import mapped_messages as made
 from msls_ros.inputs import InputAdapter, InputMap
 from msls_ros.inputs.pacing import slowest_pace
 from msls_ros.inputs.profiles import config_folder, read_profile
+from msls_ros.inputs.slow_topics import SlowTopics
 
 RATE = 50.0
 FILE = config_folder() / "inputs" / "odometry_jointstate.yaml"
@@ -72,3 +73,20 @@ def test_a_new_beginning_forgets_the_steps_and_keeps_the_counts() -> None:
     count = adapter.slow.samples["/odom"]
     adapter.clear()
     assert count and adapter.slow.samples["/odom"] == count and not adapter.too_slow
+
+
+def test_a_topic_that_sets_the_pace_with_breaks_is_not_too_slow_until_it_can_set_none() -> None:
+    streams = [Message(name="effectors.e", track=Message(held=False, age=10**8))]
+    slow, stamp = SlowTopics(streams, ["/e"], 100.0, 0.13), 0  # type: ignore[arg-type]
+    said = []
+    for k in range(200):
+        stamp += 20_000_000
+        slow.sample(0, stamp)
+        slow.made(1, -1 if 50 < k < 60 or k > 150 else 0)
+        said += slow.news(-1 if 50 < k < 60 or k > 150 else 0)
+    assert said == [] and not slow.samples
+    for _ in range(100):
+        stamp += 250_000_000
+        slow.sample(0, stamp)
+    (text,) = slow.news(-1)
+    assert text.startswith("/e comes at 4 Hz, too slow")
