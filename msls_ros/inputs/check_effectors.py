@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,8 @@ _CLIPPED = 0.02
 """Share of samples at the end of the range from which it is called saturated."""
 _REST, _STEPS = 3, 0.8
 """Samples of a rest, and share of the arrivals at an end that come from one, by which an input is one of steps."""
+_OFTEN = 3
+"""Visits to an end from which it may be a limit: a stabilizer that is trimmed comes to rest there once or twice."""
 SPEEDS = (0.4, 2.5)
 """Speeds over `reference_speed` between which they are of one aircraft, from its stall to its dive."""
 UNITS_OF_SPEED = {"knots": 0.514444, "km/h": 1.0 / 3.6, "ft/s": 0.3048, "cm/s": 0.01, "mm/s": 0.001}
@@ -40,18 +42,27 @@ def effectors_of(record: Record) -> dict[str, Series]:
     return {n.removeprefix(_EFFECTORS): s for n, s in record.series.items() if n.startswith(_EFFECTORS)}
 
 
-def check_effectors(record: Record) -> Iterator[Finding]:
-    """Yield surfaces that are still, saturated, collinear or of a strange size."""
+def check_effectors(record: Record, thrust: Container[str] = ()) -> Iterator[Finding]:
+    """Yield surfaces that are still, saturated, collinear or of a strange size.
+
+    Parameters
+    ----------
+    record
+        What was read of the log.
+    thrust
+        Effectors that thrust makes: their deflections need be no angles, so that nothing is said of their size.
+    """
     found = effectors_of(record)
     moving = {}
     for name, series in found.items():
         values = series.values[:, 0]
         where = f"inputs.{_EFFECTORS}{name}"
-        size = next(_size(where, series), None)
+        angle = name not in thrust
+        size = next(_size(where, series), None) if angle else None
         if size is not None:
             yield size
         rms = float(values.std())
-        if np.ptp(values) == 0.0 or rms < _STILL:
+        if np.ptp(values) == 0.0 or (angle and rms < _STILL):
             what = (
                 f"constant at {values[0]:.4g}" if np.ptp(values) == 0.0 else f"moves by {np.degrees(rms):.2g} deg rms"
             )
@@ -59,11 +70,11 @@ def check_effectors(record: Record) -> Iterator[Finding]:
             yield Finding(WRONG, "constant", where, f"{what}: its column of B cannot be known", mend)
             continue
         moving[name] = series
-        if rms < _QUIET and size is None:
+        if angle and rms < _QUIET and size is None:
             what = f"moves by {np.degrees(rms):.2g} deg rms only: its column of B will hardly be known"
             mend = "fly doublets of a degree or more on it; if it did move more, its scale is too small"
             yield Finding(DOUBTFUL, "excitation", where, what, mend)
-        yield from _saturation(where, values)
+        yield from _saturation(where, values, angle=angle)
     yield from _collinear(moving)
 
 
@@ -83,14 +94,15 @@ def _size(where: str, series: Series) -> Iterator[Finding]:
         yield Finding(WRONG, "units", where, what, "scale=0.436 (25 deg at full command), with your own angle")
 
 
-def _saturation(where: str, values: Array) -> Iterator[Finding]:
+def _saturation(where: str, values: Array, *, angle: bool) -> Iterator[Finding]:
     near = 1e-6 * float(np.ptp(values))
     for end, word in ((values.max(), "upper"), (values.min(), "lower")):
         at_end = np.abs(values - end) <= near
         share = float(at_end.mean())
         stays = share > _CLIPPED and share * len(values) > 5
         if stays and abs(end - np.median(values)) > 0.6 * np.ptp(values) / 2.0 and not _in_steps(values, at_end, near):
-            what = f"{100.0 * share:.0f} % of the time at its {word} end, {np.degrees(end):.1f} deg: saturated"
+            size = f"{np.degrees(end):.1f} deg" if angle else f"{end:.3g}"
+            what = f"{100.0 * share:.0f} % of the time at its {word} end, {size}: saturated"
             yield Finding(DOUBTFUL, "saturation", where, what, "record the surface, not the command, if it can be had")
 
 
@@ -98,12 +110,16 @@ def _in_steps(values: Array, at_end: NDArray[np.bool_], near: float) -> bool:
     """Whether values (k,) rest at an end (k,) as a multistep input does, which is not limited there.
 
     It goes from rest to rest, at once; or, through a servo, it rests most of the time, and between the ends as often
-    and as long as at this one. What a law commands beyond a limit comes to the end on its way.
+    and as long as at this one; or it comes there once or twice only, as a trim does. What a law commands beyond a limit
+    comes to the end on its way, again and again.
     """
     begin = np.append(0, np.flatnonzero(np.abs(np.diff(values)) > near) + 1)
     length = np.diff(np.append(begin, len(values)))
     rests = length >= _REST
-    ends = np.logical_or.reduceat(at_end, begin) & rests
+    touches = np.logical_or.reduceat(at_end, begin)
+    if int(touches.sum()) < _OFTEN:
+        return True
+    ends = touches & rests
     extreme = np.minimum(values.max() - values[begin], values[begin] - values.min()) <= 0.01 * np.ptp(values)
     visits = np.flatnonzero(ends)
     arrivals = visits[visits > 0]

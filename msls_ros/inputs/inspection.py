@@ -53,7 +53,7 @@ def findings_of(record: Record, configuration: Configuration) -> list[Finding]:
     if any(f.kind == "clocks" for f in found):
         return ordered(found)
     sizes = list(check_sizes(record, configuration.reference_speed))
-    found += [*check_effectors(record), *sizes, *check_derivatives(record)]
+    found += [*check_effectors(record, configuration.effectors_of_thrust), *sizes, *check_derivatives(record)]
     motion = list(check_motion(record, configuration.reference_speed))
     found += motion
     if not any(f.level == WRONG for f in (*motion, *sizes)):
