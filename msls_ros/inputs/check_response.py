@@ -15,8 +15,9 @@ from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading
-from msls_ros.inputs.response import Response, Search
+from msls_ros.inputs.response import Following, Response, Search
 from msls_ros.inputs.series import Record, Series, on_grid
+from msls_ros.inputs.servo_lag import followed
 from msls_ros.inputs.windows import beyond_noise, misfit, noise_of, windowed
 
 _STEP = 0.01
@@ -29,6 +30,9 @@ _FOUND = (-0.05, 0.06)
 """Delays between which the bank finds them itself, and takes them back [s]."""
 _SURE = 0.5
 """Share from which it is sure: a law that answers a fault nobody measures gave 0.38, real delays give 0.65 and more."""
+_TAKEN_BACK, _PLAINLY = 0.02, 0.03
+"""Delay that a servo's lag takes back [s], and share of the angular accelerations that it explains beyond the delay,
+from which a map's delay is said to stand for a lag. Measured: .04 s and .35 of a lag of 60 ms."""
 _WHERE = "inputs.effectors"
 _NO_VELOCITY = "whether the aircraft answers the surfaces when the map says is not seen without its velocity"
 _MEANT = {"de": 1, "elevator": 1, "da": 0, "aileron": 0, "ailerons": 0, "dr": 2, "rudder": 2}
@@ -81,18 +85,73 @@ def check_response(record: Record, configuration: Configuration) -> Iterator[Fin
     elif not search.shows(float(scores[best]), lag):
         yield _unseen(search, float(scores[best]))
     elif gain < _GAIN or abs(lag) < max(_WORTH, response.step):
-        yield Finding(NOTE, "delay", _WHERE, f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s")
+        stands = _taken_for_delay(record, response, best - none, float(scores[best]))
+        agrees = f"the aircraft answers the surfaces as the map says, within {_WORTH:g} s"
+        yield stands or Finding(NOTE, "delay", _WHERE, agrees)
     elif not response.moves:
         yield Finding(NOTE, "delay", _WHERE, _NO_VELOCITY)
     else:
-        own = configuration.estimator.method == "bank" and _FOUND[0] < lag < _FOUND[1]
-        so = "the identifier finds as much in flight (model.delay), B is right but later" if own else "B is wrong by it"
-        what, mend = _answers(record, lag)
-        if lag > 0.0 and response.following(best - none) < scores[best]:
-            what += "they are commands, which servos follow"
-            yield Finding(DOUBTFUL, "delay", _WHERE, what, f"map measured deflections; where there are none, {mend}")
-            return
-        yield Finding(WRONG if gain > _SURE and not own else DOUBTFUL, "delay", _WHERE, what + so, mend)
+        bank = configuration.estimator.method == "bank"
+        yield _delay(record, response, best - none, float(scores[best]), gain=gain, bank=bank)
+
+
+def _delay(record: Record, response: Response, steps: int, left: float, *, gain: float, bank: bool) -> Finding:
+    """Return what is said of a delay of so many steps that leaves a share: a servo's lag, or none."""
+    lag = steps * response.step
+    own = bank and _FOUND[0] < lag < _FOUND[1]
+    what, mend = _answers(record, lag)
+    if any(s.stream.servo > 0.0 for s in effectors_of(record).values()):
+        mend += "; or another servo= there"
+    elif stands := _taken_for_delay(record, response, steps, left):
+        return stands
+    elif lag > 0.0 and (servo := response.following(steps)).left < left:
+        return _servo(record, what, servo, bank=bank)
+    if own:
+        so = "the identifier looks for as much in flight (model.delay), B may be wrong until it has found it"
+        mend = f"measured deflections, or the true delay in the map, are better: {mend}"
+        return Finding(DOUBTFUL, "delay", _WHERE, what + so, mend)
+    return Finding(WRONG if gain > _SURE else DOUBTFUL, "delay", _WHERE, f"{what}B is wrong by it", mend)
+
+
+def _servo(record: Record, what: str, servo: Following, *, bank: bool) -> Finding:
+    """Return what is said of surfaces that are commands, which servos follow."""
+    now = _delay_of(record)
+    near = abs(servo.delay) < _WORTH
+    later = "" if near else f", {_later(servo.delay)} than the map says"
+    what += f"they are commands, which servos follow, with a lag of about {1e3 * servo.lag:.0f} ms{later}"
+    delay = "leave delay= as it is"
+    if now is not None and not near:
+        delay = f"write delay={round(now - servo.delay, 2) + 0.0:.2f} for the rest"
+    mend = "map measured deflections. Where there are none"
+    mend += f", {delay}: the identifier finds a servo's lag itself; a" if bank else ", a"
+    mend += f" servo that is known goes into the topic's line: {_line(servo, now)}"
+    return Finding(DOUBTFUL, "servo_lag", _WHERE, what, mend)
+
+
+def _taken_for_delay(record: Record, response: Response, steps: int, left: float) -> Finding | None:
+    """Return that the map's delay stands for a servo's lag; None: nothing is seen of that."""
+    now = _delay_of(record)
+    if now is None or now > -_TAKEN_BACK or any(s.stream.servo > 0.0 for s in effectors_of(record).values()):
+        return None
+    servo = response.following(steps)
+    if servo.left > left - _PLAINLY or servo.delay > -_TAKEN_BACK:
+        return None
+    what = f"delay={now:.3f} stands for a servo's lag, which fits better: one of about {1e3 * servo.lag:.0f} ms, "
+    what += f"{_later(servo.delay)} than the map says; B is wrong by it, and its bars do not say so"
+    less = f"take it down to about {round(now - servo.delay, 2) + 0.0:.2f}: the identifier finds a servo's lag itself"
+    mend = f"{less}; where the servo is known, write {_line(servo, now)} in the topic's line"
+    return Finding(DOUBTFUL, "delay", _WHERE, what, mend)
+
+
+def _later(delay: float) -> str:
+    """Return by how much a delay [s] is later or earlier."""
+    return f"{1e3 * abs(delay):.0f} ms {'later' if delay > 0.0 else 'earlier'}"
+
+
+def _line(servo: Following, now: float | None) -> str:
+    """Return the words of a topic's line, in which the map has a delay of now [s], for a servo."""
+    delay = "" if now is None else f" delay={round(now - servo.delay, 3) + 0.0:.3f}"
+    return f"servo={servo.lag:g}{delay}"
 
 
 def _answers(record: Record, lag: float) -> tuple[str, str]:
@@ -178,7 +237,14 @@ def _response(record: Record) -> Response | None:
     signs = np.array(BODY[chosen[rates[0]].stream.body or "frd"]) if turn.shape[1] == 3 and len(rates) == 1 else 1.0
     noise = np.concatenate([period * noise_of(s.values) for period, s in zip(periods, chosen.values(), strict=True)])
     step = float(grid[0][1])
-    return Response(step, list(surfaces), turn * signs, [grid[1][n] for n in moves], delta, noise)
+    first = max(int(s.stamps[0]) for s in chosen.values())
+
+    def behind(lag: float) -> Array:
+        columns = (followed(s.stamps, s.values[:, 0], lag, s.stream.track.age) for s in surfaces.values())
+        times = ((s.stamps - first) * 1e-9 for s in surfaces.values())
+        return np.stack([np.interp(grid[0], t, y) for t, y in zip(times, columns, strict=True)], axis=1)
+
+    return Response(step, list(surfaces), turn * signs, [grid[1][n] for n in moves], delta, noise, behind)
 
 
 def _names(names: list[str], effects: Array, left: Array, moved: Array) -> Iterator[Finding]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +25,23 @@ _SEEN, _ALONE, _APART = 0.57, 1.15, 0.3
 """What surfaces leave at their delay, at most, over the median of all delays; where it is more, what delays further off
 [s] leave over that, at least. Measured: .47 and 1.66 at most and at least in sound logs, with up to six times the noise
 of a light aircraft's sensors; .68 and 1.07 at the best near delay of surfaces that are stamped 5 to 9 s late."""
+
+
+_LAGS = (0.02, 0.03, 0.04, 0.05, 0.06, 0.07, 0.08, 0.1, 0.12, 0.15)
+"""Time constants of servos that are looked for [s]."""
+_RISEN = 0.02
+"""Share by which what a delay leaves is beyond the least one: further off it goes on rising."""
+
+
+class Following(NamedTuple):
+    """A servo that follows the surfaces."""
+
+    left: float
+    """Share of the angular accelerations that is unexplained with it."""
+    lag: float
+    """Time constant [s]."""
+    delay: float
+    """By which it answers later than the map says; less than 0: earlier [s]."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +116,8 @@ class Response:
     """(k, m)"""
     noise: Array
     """Variance of the noise of a sample of each column of the three, times its period [s]."""
+    followed: Callable[[float], Array]
+    """Returns ``delta`` (k, m) as servos of a time constant [s] follow it."""
 
     def means(self) -> tuple[Array, Array, Array]:
         """Return the slopes (l, .), and the means of the states (l, .) and of the surfaces (l, m)."""
@@ -137,16 +158,23 @@ class Response:
         most = self.most
         return np.array([self._left(slope, states, held, steps, most) for steps in range(-most, most + 1)])
 
-    def following(self, steps: int) -> float:
-        """Return the least share left if servos follow the surfaces, in place of some or all of a delay of as much."""
-        slope, states, held = self.means()
-        shares = []
-        for lag in (max(1, steps // 2), steps):
-            behind, stays = held.copy(), float(np.exp(-1.0 / lag))
-            for k in range(1, len(held)):
-                behind[k] = stays * behind[k - 1] + (1.0 - stays) * held[k]
-            shares.append(self._left(slope, states, behind, steps - lag, self.most))
-        return min(shares)
+    def following(self, steps: int) -> Following:
+        """Return the servo in place of a delay of so many steps that leaves least; its delay may be less than none.
+
+        A delay is as good as the servo's own and a part of its lag: more of it, the slower the surfaces move.
+        """
+        slope, states, _ = self.means()
+        found = []
+        for lag in _LAGS:
+            behind = windowed(self.followed(lag), self.width)
+            best = Following(np.inf, lag, 0.0)
+            for own in range(steps, max(steps - round(lag / self.step) - 2, -self.most - 1), -1):
+                one = Following(self._left(slope, states, behind, own, self.most), lag, own * self.step)
+                if one.left > best.left + _RISEN:
+                    break
+                best = min(best, one)
+            found.append(best)
+        return min(found)
 
     def _left(self, slope: Array, states: Array, held: Array, steps: int, most: int) -> float:
         """Return the share of the slopes that surfaces of so many steps ago leave, but for so many at both ends."""

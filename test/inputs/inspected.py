@@ -158,11 +158,18 @@ def later(seconds: float) -> Callable[[dict[str, Any]], dict[str, Any]]:
 
 
 def recorded(
-    flight: Flight, noise: float = 0.0, behind: int = 0, speed: float = 18.0, **changes: str | None
+    flight: Flight,
+    noise: float = 0.0,
+    behind: int = 0,
+    speed: float = 18.0,
+    surfaces: str | None = None,
+    parameters: dict[str, Any] | None = None,
+    **changes: str | None,
 ) -> list[Finding]:
     """Inspect a flight of one topic: attitude and rates with noise [rad, rad/s], surfaces of so many samples ago.
 
-    The speed is what the parameters call `reference_speed` [m/s].
+    The speed is what the parameters call `reference_speed` [m/s]. Where words of their topic are given, the surfaces
+    have one of their own.
     """
     random = np.random.default_rng(5)
     n = len(flight.x) - behind
@@ -180,14 +187,18 @@ def recorded(
     lines.update(
         {"velocity": "log velocity", "angular_velocity": "log rates", "specific_force": "log force", **changes}
     )
-    lines.update({f"effectors.{e}": f"log surfaces[{j}]" for j, e in enumerate(flight.effectors)})
+    if surfaces is not None:
+        lines["topics.own"] = f"/own my/Log {surfaces}"
+    alias = "log" if surfaces is None else "own"
+    lines.update({f"effectors.{e}": f"{alias} surfaces[{j}]" for j, e in enumerate(flight.effectors)})
     collector = Collector(InputMap.from_parameters({k: v for k, v in lines.items() if v is not None}))
     for k in range(n):
         values = {name: column[k].tolist() for name, column in zip(names, columns, strict=True)}
         stamp = made.header(flight.stamp(k))
-        collector.take(
-            "/log", flight.stamp(k), Fields({"header": stamp, **values, "surfaces": flight.delta[k].tolist()})
-        )
+        message = Fields({"header": stamp, **values, "surfaces": flight.delta[k].tolist()})
+        for topic in ("/log", "/own")[: 1 if surfaces is None else 2]:
+            collector.take(topic, flight.stamp(k), message)
     states = ("u", "v", "w", "P", "Q", "R", "Phi", "Theta", "Psi")[0 if lines["velocity"] else 3 :]
     given = {"states": states, "effectors": flight.effectors, "sample_rate": 100.0, "reference_speed": speed}
+    given |= parameters or {}
     return findings_of(collector.record(), Configuration().replace(given))
