@@ -139,6 +139,7 @@ class LossWatch:
         self._since: tuple[int, int] | None = None
         self._most = 0
         self._before: int | None = None
+        self._unsaid = 0.0
         self.lost = 0
         """Samples lost so, by their stamps."""
         self.sentence = ""
@@ -155,20 +156,21 @@ class LossWatch:
         """
         if self._since is None or not 0 < stamp - self._last <= WINDOW:
             self._since, self._last, self._missing = (stamp, now), stamp, 0.0
-            self._most, self._before = stamp - now, None
+            self._most, self._before, self._unsaid = stamp - now, None, 0.0
             return False
         self._missing += self._period * max(round((stamp - self._last) / self._period) - 1, 0)
         self._last, self._most = stamp, max(self._most, stamp - now)
         span, passed = stamp - self._since[0], now - self._since[1]
         if span < WINDOW or passed < SPAN:
             return False
-        told, missing = bool(self.sentence), self._missing
+        told, missing, unsaid = bool(self.sentence), self._missing, self._unsaid
+        self._unsaid = missing if self._before is None else 0.0
         gained = 0 if self._before is None else min(self._most - self._before, span - passed)
         speed = 1.0 + gained / passed
         self._since, self._missing, self._before, self.sentence = (stamp, now), 0.0, self._most, ""
         if speed < FASTER or missing < LOST * span:
             return False
-        self.lost += round(missing / self._period)
+        self.lost += round((unsaid + missing) / self._period)
         share = 100.0 * missing / span
         self.sentence = (
             f"samples come {speed:.3g} times as fast as real time, and {share:.0f} % of them are lost: start with a "

@@ -73,7 +73,7 @@ def test_samples_that_are_lost_faster_than_real_time_name_the_queue_once(lost: i
     watch, (said,) = losses(10.0, lost, of)
     assert said.startswith("samples come 10 times as fast as real time") and "'queue', 1 or more" in said
     assert abs(int(said.partition(" %")[0].rpartition(" ")[2]) - share) <= 5
-    assert watch.sentence and 0.8 * 1000 * lost / of < watch.lost <= 1500 * lost / of
+    assert watch.sentence and 0.8 * 1250 * lost / of < watch.lost <= 1500 * lost / of
 
 
 @pytest.mark.parametrize(("speed", "lost", "of"), [(10.0, 0, 10), (1.0, 2, 10), (0.1, 5, 10), (1.3, 30, 40)])
