@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import comb
 
 import numpy as np
 
 from msls_ros.report.knowledge import WELL, Knowledge, SlowChange
-from msls_ros.report.recorded import Event, Recorded, TruthChange, joined
+from msls_ros.report.recorded import Event, Recorded, Trust, TruthChange, joined
 from msls_ros.report.style import derivative, number
 from msls_ros.report.words import describe_drift, describe_truth, false_alarms, listed
 
 _MOST = 3
+_AGREE, _UNLIKELY = 0.95, 0.001
+"""Share of numbers that agree with least squares where nothing changes, and the chance of fewer that is a warning."""
 
 
 def verdict(
@@ -38,6 +41,8 @@ def verdict(
     wrong = [f for f in flight.findings if f.level == "wrong"]
     if wrong:
         sentences.append(f"The data check finds {len(wrong)} wrong: {wrong[0].where}: {wrong[0].what}.")
+    if not slow and flight.trust is not None:
+        sentences += _disagreement(flight.trust)
     if flight.truth is not None and flight.models is not None:
         sentences += [s for change in changes[:_MOST] for s in describe_truth(flight, change)]
         if not changes:
@@ -47,6 +52,22 @@ def verdict(
         when = f" ({listed(f'{e.time:.2f} s' for e in false[:6])})" if false else ""
         sentences.append(f"False alarms: {len(false)}{when}." if false else "No false alarm.")
     return [*sentences, *_dither(flight)]
+
+
+def _disagreement(trust: Trust) -> list[str]:
+    """Return a warning, where far fewer numbers agree with least squares over a span without a change than should."""
+    if trust.batch_span is None or not trust.compared or _chance(trust.inside, trust.compared) >= _UNLIKELY:
+        return []
+    begin, end = trust.batch_span
+    text = f"WARNING: only {trust.inside} of {trust.compared} numbers known agree with least squares over "
+    text += f"{begin:.1f} to {end:.1f} s, in which no change is reported: the map or its delays may be wrong, "
+    return [f"{text}error bars too narrow, or a change was not seen; run ./msls inspect before you rely on them."]
+
+
+def _chance(inside: int, compared: int) -> float:
+    """Return how probable it is that so few of the numbers compared agree within their 95 % bands, or fewer."""
+    ways = (comb(compared, k) * _AGREE**k * (1.0 - _AGREE) ** (compared - k) for k in range(inside + 1))
+    return sum(ways)
 
 
 def _what_changed(events: Sequence[Event], slow: Sequence[SlowChange]) -> str:

@@ -24,7 +24,9 @@ from msls_ros.commands import report
 from msls_ros.estimation import Configuration, Dither, Level
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.samples import Preparation
-from msls_ros.report.recorded import Event, Models, Recorded, Truth, TruthChange, joined
+from msls_ros.report.knowledge import SlowChange
+from msls_ros.report.recorded import Event, Models, Recorded, Trust, Truth, TruthChange, joined
+from msls_ros.report.verdict import verdict
 from msls_ros.report.words import describe_drift, describe_truth, false_alarms, find_changes
 
 CHROMIUM = next((p for p in map(shutil.which, ("chromium", "chromium-browser", "google-chrome", "chrome")) if p), None)
@@ -496,6 +498,22 @@ def test_the_verdict_counts_changes_and_not_their_equations() -> None:
     (_, answer) = describe_truth(flight, change)
     assert answer.startswith("Detected after 0.02 s, in dP/dt and dR/dt; isolated to da after 0.30 s")
     assert [e.time for e in false_alarms(flight, [])] == [4.02]
+
+
+@pytest.mark.parametrize(
+    ("inside", "compared", "warned"),
+    [(6, 13, True), (8, 13, True), (9, 13, False), (13, 13, False), (0, 2, False), (0, 3, True), (0, 0, False)],
+)
+def test_far_fewer_numbers_that_agree_with_least_squares_than_should_are_a_warning(
+    inside: int, compared: int, warned: bool
+) -> None:
+    """8 of 13 or fewer agree by chance once in 3,500 flights, 9 or fewer once in 320."""
+    flight = Recorded("made/up", "", [], trust=Trust([], (10.0, 150.0), inside, compared))
+    found = [s for s in verdict(flight, None, [], []) if s.startswith("WARNING")]
+    said = f"only {inside} of {compared} numbers known agree with least squares over 10.0 to 150.0 s"
+    assert [said in one for one in found] == [True] * warned
+    slow = SlowChange("P/da", 10.0, 40.0, 2.0, 1.0)
+    assert not any(s.startswith("WARNING") for s in verdict(flight, None, [slow], []))
 
 
 @pytest.mark.parametrize("added", [True, False])
