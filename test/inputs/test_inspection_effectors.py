@@ -117,8 +117,7 @@ def throttled(name: str, **parameters: Any) -> list[Finding]:
     flight = fed_back()
     lever = 0.59 + 0.39 * np.sin(0.3 * np.arange(len(flight.x)) * 0.01)
     columns = np.column_stack([flight.delta, lever])
-    given = {"parameters": parameters} if parameters else {}
-    found = recorded(replace(flight, effectors=("left", "right", name), delta=columns), **given)
+    found = recorded(replace(flight, effectors=("left", "right", name), delta=columns), parameters=parameters)
     return [f for f in found if f.where.endswith(f".{name}")]
 
 

@@ -36,9 +36,9 @@ def stamps(count: int = 200) -> NDArray[np.int64]:
 def test_held_commands_at_uneven_stamps_give_the_step_responses_of_the_servo() -> None:
     times = stamps()
     steps = {20: 0.3, 61: -0.5, 62: 0.1, 150: 0.25}
-    commands = 0.1 + sum(height * (np.arange(len(times)) >= k) for k, height in steps.items())
-    expected = np.full(len(times), 0.1)
+    commands, expected = np.full(len(times), 0.1), np.full(len(times), 0.1)
     for k, height in steps.items():
+        commands[k:] += height
         since = np.maximum(times - times[k], 0) * 1e-9
         expected += height * (1.0 - np.exp(-since / LAG))
     np.testing.assert_allclose(followed(times, commands, LAG, SECOND), expected, rtol=0.0, atol=1e-14)
