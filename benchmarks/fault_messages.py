@@ -57,7 +57,7 @@ class Learner:
     """An identifier, and a hash of all that it says."""
 
     def __init__(self, configuration: Configuration) -> None:
-        self._identifier = Identifier(configuration)
+        self._identifier = Identifier(configuration, gated=True)
         self._digest = hashlib.sha256()
         self.samples = 0
         self.finite = True

@@ -30,7 +30,7 @@ class WatchedIdentifier(IdentifierNode):
     def report(self) -> dict[str, Any]:
         """Say how many samples came, and whether the estimates are those of them."""
         assert self._identifier is not None
-        again, mine = Identifier(self._identifier.configuration), self.estimate
+        again, mine = Identifier(self._identifier.configuration, gated=True), self.estimate
         found = None
         for sample in self._samples:
             if sample.restarted:

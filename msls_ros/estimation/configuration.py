@@ -9,9 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import numbers
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
+
+import numpy as np
 
 from msls_ros.estimation.errors import EstimationError, nearest
 from msls_ros.estimation.sections import (
@@ -89,7 +92,8 @@ class Configuration:
     dither: DitherParameters = field(default_factory=DitherParameters)
 
     def __post_init__(self) -> None:
-        """Check every value and the lists against each other."""
+        """Check every value and the lists against each other; lists become tuples, whole numbers floats."""
+        _convert_all(self)
         for name, value, bounds in items(self):
             _check(name, value, bounds)
         _check_names(self)
@@ -217,25 +221,66 @@ def flatten(values: Mapping[str, Any]) -> dict[str, Any]:
     return flat
 
 
+def _convert_all(configuration: Configuration) -> None:
+    """Bring every value into the type of its default.
+
+    Raises
+    ------
+    EstimationError
+        For one that has another type, and a section that is none.
+    """
+    for outer in dataclasses.fields(configuration):
+        value = getattr(configuration, outer.name)
+        if "bounds" in outer.metadata:
+            found = _convert(outer.name, value, outer.default)
+        else:
+            section: Any = outer.default_factory  # the class itself
+            if not isinstance(value, section):
+                message = f"parameter '{outer.name}' is {value!r}; it must be {section.__name__}(...); nested and "
+                message += "dotted names are for from_mapping({...})"
+                raise EstimationError(message)
+            given = {inner.name: (getattr(value, inner.name), inner.default) for inner in dataclasses.fields(value)}
+            made = {name: _convert(f"{outer.name}.{name}", *pair) for name, pair in given.items()}
+            found = dataclasses.replace(value, **made)
+        object.__setattr__(configuration, outer.name, found)
+
+
 def _convert(name: str, value: Any, default: Any) -> Any:
-    """Return value in the type of default: whole numbers serve as floats, lists as tuples; nothing else is bent."""
+    """Return value in the type of default: whole numbers serve as floats, lists as tuples, numpy's types as Python's.
+
+    Raises
+    ------
+    EstimationError
+        For all else.
+    """
     if type(value) is type(default) and not isinstance(value, tuple):
         return value
+    if isinstance(default, bool) and isinstance(value, np.bool_):
+        return bool(value)
+    if isinstance(default, str) and isinstance(value, str):
+        return str(value)
+    if type(default) is int and isinstance(value, numbers.Integral) and not isinstance(value, bool):
+        return int(value)
     if isinstance(default, float) and _is_number(value):
         return float(value)
     if isinstance(default, tuple) and not isinstance(value, str) and hasattr(value, "__iter__"):
         if name in ("states", "effectors"):
             if all(isinstance(v, str) for v in value):
-                return tuple(value)
+                return tuple(str(v) for v in value)
         elif all(_is_number(v) for v in value):
             return tuple(float(v) for v in value)
     kinds = {bool: "true or false", str: "a word", int: "a whole number", float: "a number", tuple: "a list"}
-    message = f"parameter '{name}' is {value!r}; it must be {kinds[type(default)]}"
+    kind = kinds[type(default)]
+    if name in ("states", "effectors"):
+        kind = "a list of names, as ('P', 'R')"
+    elif name in ("thrust_effectors", "isolation.surfaces"):
+        kind = "one text, with commas between names, as 'dte, dtr'" if name[0] == "t" else "one text"
+    message = f"parameter '{name}' is {value!r}; it must be {kind}"
     raise EstimationError(message)
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool)
+    return isinstance(value, numbers.Real) and not isinstance(value, bool)
 
 
 def _check(name: str, value: Any, bounds: Bounds) -> None:
@@ -253,6 +298,9 @@ def _check(name: str, value: Any, bounds: Bounds) -> None:
 def _check_names(configuration: Configuration) -> None:
     for name in ("states", "effectors"):
         names = getattr(configuration, name)
+        if not names:
+            message = f"parameter '{name}' is empty; name at least one"
+            raise EstimationError(message)
         if len(set(names)) != len(names) or "" in names:
             message = f"parameter '{name}' is {list(names)}; the names must differ and not be empty"
             raise EstimationError(message)

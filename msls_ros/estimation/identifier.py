@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation import configuration as _configuration
+from msls_ros.estimation.arguments import Stamps, as_numbers, as_stamp, as_whole
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.compiled import warn_if_interpreted
 from msls_ros.estimation.configuration import Configuration
@@ -58,11 +59,22 @@ class Identifier:
     configuration
         All parameters; see `Configuration`.
     straddle
-        Samples over which the inputs were smoothed or differentiated before they came here: so many after a change are
-        of both sides of it, and the bank does not learn from them.
+        Intervals of the window in which the derivatives were made, and through which states and deflections went as
+        well; 0: derivatives are measured. So many samples after a change are of both sides of it, and the bank does
+        not learn from them; the noise of a window is another one than that of sensors, too. Left at 0 beside
+        derivatives that were made, losses are alarmed late or not at all. `inputs.differentiated` makes them, and
+        returns the number to give.
+    gated
+        Whether the stamps come from the gate of `inputs`, as in the node and in `replay`: they have been compared in
+        nanoseconds, and are not checked here.
+
+    Raises
+    ------
+    EstimationError
+        For a straddle that is no whole number, or negative.
     """
 
-    def __init__(self, configuration: Configuration, straddle: int = 0) -> None:
+    def __init__(self, configuration: Configuration, straddle: int = 0, *, gated: bool = False) -> None:
         """Allocate everything; see the class."""
         self.configuration = configuration
         c = configuration
@@ -71,8 +83,9 @@ class Identifier:
         self._law = DitherLaw(c)
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
-        self.straddle = straddle
+        self.straddle = as_whole("straddle", straddle, 0)
         """As it was given."""
+        self._stamps = Stamps(c.sample_rate, gated)
         self._screen = Screen(c)
         self._begin(c)
         self._velocities = np.array([c.states.index(s) for s in "uvw" if s in c.states], np.int64)
@@ -104,6 +117,7 @@ class Identifier:
 
     def reset(self) -> None:
         """Forget everything: estimates, factor, detector, dither sequence."""
+        self._stamps.clear()
         self._screen.reset()
         if self._period != self._screen.period:
             self._begin(self.configuration)
@@ -146,7 +160,7 @@ class Identifier:
         x: Array | None = None,
         delta: Array | None = None,
     ) -> None:
-        """Start anew from a known model instead of from nothing.
+        """Start anew from a known model instead of from nothing; the next sample may be of any time.
 
         Parameters
         ----------
@@ -171,6 +185,7 @@ class Identifier:
         warm = theta, np.array(covariance, dtype=np.float64), seen
         self._regression.warm_start(*warm)
         self._warm = warm
+        self._stamps.clear()
         self._followed.read(self._regression.theta)
         self._law.reset()
         self._supervisor.reset()
@@ -272,7 +287,7 @@ class Identifier:
         Parameters
         ----------
         time
-            Of the sample [s], later than the last.
+            Of the sample [s], later than the last since `reset`.
         x, xdot
             (n,) states and their derivatives [m/s, rad/s, rad; per second].
         delta
@@ -281,7 +296,9 @@ class Identifier:
         Raises
         ------
         EstimationError
-            For wrong shapes or numbers that are not finite; nothing has changed then.
+            For wrong shapes, what is no number or not finite, and a time that is not later than the last; for steps of
+            time ten times longer than ``sample_rate`` means, and than .5 s, or ten times shorter, from the twentieth in
+            a row on: another unit than seconds. Nothing has changed then.
         """
         self.learn(time, x, xdot, delta)
         return self.estimate(time, np.asarray(x, float))
@@ -291,8 +308,11 @@ class Identifier:
 
         As `update` otherwise; `estimate` gives the model when it is wanted.
         """
-        sample = np.array([time], dtype=np.float64), as_block(x), as_block(xdot), as_block(delta)
-        check_samples(self.configuration, *sample)
+        stamp = as_stamp(time)
+        sample = np.array([stamp]), as_block("x", x), as_block("xdot", xdot), as_block("delta", delta)
+        check_samples(self.configuration, 1, *sample[1:])
+        self._stamps.check_one(stamp)
+        self._stamps.take_one(stamp)
         screened = self._screened(*sample)
         count = 1 if screened.learnt is None else int(screened.learnt[0])
         samples = self._preparation.prepare(screened, self._enabled)
@@ -352,22 +372,30 @@ class Identifier:
     def run(self, time: Array, x: Array, xdot: Array, delta: Array, every: int = 1) -> Run:
         """Take many samples; estimates come after every ``every``-th since the last reset and after each event.
 
+        Samples that are not learnt from are no error: `grounded`, `spikes` and `repeated` count them. Of no sample, or
+        of fewer than ``every``, there may be no estimate; `estimate` gives the model as it stands.
+
         Parameters
         ----------
         time
-            (k,) [s].
+            (k,) [s], float64; they increase strictly, and are later than the last sample since `reset`.
         x, xdot, delta
             (k, n), (k, n), (k, m).
         every
-            Samples per estimate.
+            Samples per estimate, 1 or more.
 
         Raises
         ------
         EstimationError
-            As `update`; nothing has changed then.
+            As `update`, but that a unit of time shows in the median of twenty steps or more; for dates and text, with
+            what to write instead. Nothing has changed then.
         """
-        time, x, xdot, delta = (np.ascontiguousarray(v, np.float64) for v in (time, x, xdot, delta))
-        check_samples(self.configuration, time, x, xdot, delta)
+        every = as_whole("every", every, 1)
+        dtype = getattr(time, "dtype", np.float64)
+        time, x, xdot, delta = map(as_numbers, ("time", "x", "xdot", "delta"), (time, x, xdot, delta))
+        self._stamps.check(time, dtype)
+        check_samples(self.configuration, len(time), x, xdot, delta)
+        self._stamps.take(time)
         run = Run([], [], [], [])
         begin = 0
         while begin < len(time):

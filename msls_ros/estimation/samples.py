@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.arguments import as_numbers
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
@@ -92,18 +93,20 @@ class Preparation:
         return Samples(time, x, xdot, delta, phi, y, self._engine.make_output(count))
 
 
-def check_samples(c: Configuration, time: Array, x: Array, xdot: Array, delta: Array) -> None:
+def check_samples(c: Configuration, count: int, x: Array, xdot: Array, delta: Array) -> None:
     """Raise EstimationError for samples of wrong shapes, or that hold numbers that are not finite or too large."""
-    n, m = len(c.states), len(c.effectors)
-    for name, array, width in (("x", x, n), ("xdot", xdot, n), ("delta", delta, m)):
-        if array.shape != (len(time), width):
-            message = f"{name} has shape {array.shape}; expected ({len(time)}, {width})"
+    derivatives = tuple(f"d{s}/dt" for s in c.states)
+    for name, array, columns in (("x", x, c.states), ("xdot", xdot, derivatives), ("delta", delta, c.effectors)):
+        if array.shape != (count, len(columns)):
+            message = f"{name} has shape {array.shape}; expected ({count}, {len(columns)})"
             raise EstimationError(message)
         if not all_within(array, LARGEST):
-            message = f"{name} holds a number that is not finite or too large; expected less than {LARGEST:g} in size"
+            k, i = np.argwhere(~(np.abs(array) < LARGEST))[0]
+            message = f"{name} holds a number that is not finite or too large: {columns[i]} is {array[k, i]:g} at "
+            message += f"sample {k}; expected less than {LARGEST:g} in size: leave such samples out"
             raise EstimationError(message)
 
 
-def as_block(sample: Array) -> Array:
+def as_block(name: str, sample: Any) -> Array:
     """Return one sample, (n,), as a block of one, (1, n)."""
-    return np.ascontiguousarray(sample, dtype=np.float64).reshape(1, -1)
+    return as_numbers(name, sample).reshape(1, -1)

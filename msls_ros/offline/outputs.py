@@ -43,7 +43,7 @@ class IdentifierOutput:
     ) -> None:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
-        self._identifier = Identifier(configuration, straddle)
+        self._identifier = Identifier(configuration, straddle, gated=True)
         n, m = len(configuration.states), len(configuration.effectors)
         flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
         self._identifier.update(0.0, flying, np.zeros(n), np.zeros(m))  # compiles

@@ -85,7 +85,7 @@ def recompute(
         Called with the share that is done.
     """
     gate = Synchronizer.of(configuration)
-    identifier = Identifier(configuration, straddle) if identify else None
+    identifier = Identifier(configuration, straddle, gated=True) if identify else None
     found = Recomputed({}, 0, 0)
     every = max(1, -(-len(inputs) // (2 * _MODELS)))
     for block in _blocks(_in_order(inputs), gate, found.examples):

@@ -360,4 +360,4 @@ def paired(bag: str | Path, configuration: Configuration) -> tuple[Samples, Sync
 
 def identify(samples: Samples, configuration: Configuration) -> list[Estimate]:
     """Return the estimate after every sample."""
-    return Identifier(configuration).run(samples.time, samples.x, samples.xdot, samples.delta).estimates
+    return Identifier(configuration, gated=True).run(samples.time, samples.x, samples.xdot, samples.delta).estimates
