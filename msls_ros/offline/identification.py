@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from msls_ros.bags import open_any
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
+from msls_ros.estimation.arguments import as_numbers
 from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer, adapt
 from msls_ros.inputs.block_pairing import PairedBlock
 from msls_ros.inputs.findings import Finding
@@ -167,7 +168,7 @@ def identify_messages(
 
 
 def rows(topic: str, time: ArrayLike, **fields: ArrayLike) -> Iterator[Message]:
-    """Yield arrays as the messages of a topic; several topics go together by ``heapq.merge(..., key=itemgetter(1))``.
+    """Return arrays as the messages of a topic; several topics go together by ``heapq.merge(..., key=itemgetter(1))``.
 
     Parameters
     ----------
@@ -176,10 +177,30 @@ def rows(topic: str, time: ArrayLike, **fields: ArrayLike) -> Iterator[Message]:
     time
         (k,) stamps [s].
     **fields
-        (k,) or (k, 3) and (k, 4), by the names in the paths of the map.
+        (k,) or (k, 3) and (k, 4), by the names in the paths of the map. NaN where nothing was measured: such a number
+        is refused and counted, the rest is not.
+
+    Raises
+    ------
+    EstimationError
+        For lengths that differ, stamps that are not finite, dates and text.
     """
-    columns = {name: np.asarray(values, np.float64).tolist() for name, values in fields.items()}
-    for stamp, *values in zip(np.rint(1e9 * np.asarray(time)).astype(int).tolist(), *columns.values(), strict=True):
+    stamps = as_numbers(f"time of {topic}", time)
+    columns = {name: as_numbers(f"{name} of {topic}", values) for name, values in fields.items()}
+    if not np.isfinite(stamps).all():
+        k = int(np.argmin(np.isfinite(stamps)))
+        message = f"time of {topic} is {stamps[k]} at row {k}; expected finite seconds: leave such rows out"
+        raise EstimationError(message)
+    for name, column in columns.items():
+        if len(column) != len(stamps):
+            message = f"{name} of {topic} has {len(column)} values; expected one for each of the {len(stamps)} stamps"
+            raise EstimationError(message)
+    return _rows(topic, np.rint(1e9 * stamps).astype(np.int64).tolist(), columns)
+
+
+def _rows(topic: str, stamps: list[int], columns: dict[str, Array]) -> Iterator[Message]:
+    lists = [column.tolist() for column in columns.values()]
+    for stamp, *values in zip(stamps, *lists, strict=True):
         header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9))
         yield topic, stamp, SimpleNamespace(header=header, **dict(zip(columns, values, strict=True)))
 
@@ -201,7 +222,7 @@ class _Flow:
 
     def take(self, blocks: Iterable[PairedBlock], straddle: int) -> None:
         """Identify from all samples: the same estimates, however they are read."""
-        identifier = Identifier(self._configuration, straddle)
+        identifier = Identifier(self._configuration, straddle, gated=True)
         waiting: list[PairedBlock] = []
         for block in blocks:
             if not len(block.stamps):

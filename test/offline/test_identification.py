@@ -143,3 +143,25 @@ def test_a_map_that_gives_wrong_numbers_is_refused_unless_it_is_wanted(level: Fl
     with pytest.raises(EstimationError, match=r"messages: inputs\.effectors\.de: .*degrees.*anyway=True uses it"):
         identify_messages(arrays(level), wrong)
     assert identify_messages(arrays(level), wrong, anyway=True).samples > 1000
+
+
+@pytest.mark.parametrize(
+    ("time", "values", "sentence"),
+    [
+        ([1.0, np.nan, 3.0], [1.0, 2.0, 3.0], "time of /a is nan at row 1; expected finite seconds"),
+        ([1.0, 2.0, 3.0], [1.0, 2.0], "p of /a has 2 values; expected one for each of the 3 stamps"),
+        ([1.0, 2.0], ["x", "y"], "p of /a is of dtype <U1; give numbers"),
+        (np.array([1, 2], "datetime64[s]"), [1.0, 2.0], r"time of /a is of dtype datetime64\[s\]; .*np\.timedelta64"),
+    ],
+)
+def test_arrays_that_are_no_messages_are_refused(time: Any, values: Any, sentence: str) -> None:
+    with pytest.raises(EstimationError, match=sentence):
+        rows("/a", time, p=values)
+
+
+def test_where_nothing_can_be_used_the_reason_is_in_the_error_and_what_is_not_used_is_counted(level: Flight) -> None:
+    nothing = [(topic, stamp, message) for topic, stamp, message in arrays(level) if topic == "/log"]
+    time = 1.0 + np.arange(len(level.x)) / made.RATE
+    empty = rows("/servo", time, elevator=np.full(len(time), np.nan))
+    with pytest.raises(EstimationError, match=r"not one sample; .*de \(/servo elevator\) is 'nan'"):
+        identify_messages(list(merge(nothing, empty, key=itemgetter(1))), LONGITUDINAL, anyway=True)
