@@ -71,11 +71,11 @@ QUIET_DITHER = {"dither.limit_nominal": 0.0, "dither.limit_boosted": 0.0}
 GUSTS = 0.3
 """[m/s]"""
 RESTING = ("resting", "resting loss")
-"""Variants with the sensors of surfaces that most have; half of the rudder is lost in quiet, at `LOST_AT`."""
+"""Variants with the sensors of surfaces that most have; half of the rudder is lost at rest, at `LOST_AT`."""
 SURFACE_NOISE = math.radians(0.05)
 """[rad]"""
-LOST_AT = 100.0
-"""[s], 37 before the rudder's next input."""
+LOST_AT = 147.0
+"""[s], between two of its doublets."""
 PATHS = ("direct", "mapped")
 
 
