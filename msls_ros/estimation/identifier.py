@@ -30,12 +30,14 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.samples import Preparation, Samples, as_block, check_samples
 from msls_ros.estimation.screening import HELD, REPEATED, Screen, Screened, alike
-from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.soundness import PACE, SOUND
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
 
 CHUNK = 4096
 """Samples that `Identifier.run` has memory for at a time."""
+LEARNT_FOR = 10.0
+"""What has been learnt for so long is not forgotten without an event [s]."""
 
 
 @dataclass(frozen=True)
@@ -106,6 +108,8 @@ class Identifier:
     def _follow_pace(self) -> None:
         """Begin anew, from what was known at the start, where samples are learnt from at another rate than before."""
         rate, samples, warm = 1.0 / self._screen.period, self._regression.samples, self._warm
+        if samples * self._period >= LEARNT_FOR:
+            self._events.append(self._supervisor.restart(self._screen.now, PACE))
         self._begin(self.configuration.replace({"sample_rate": rate}))
         self._passed += samples
         if warm is not None:

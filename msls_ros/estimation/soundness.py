@@ -25,6 +25,8 @@ from msls_ros.estimation.kernel import Array, Integers
 
 SOUND, NOT_FINITE, MISFIT, ABSURD = 0, 1, 2, 3
 """What `Output.restart` says of a sample."""
+PACE = 4
+"""Samples come at another rate than before, see `screening`."""
 
 LARGEST_ESTIMATE = 1e30
 """More than the quotient of any two numbers that matter."""

@@ -15,13 +15,14 @@ from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.regression import Regression
-from msls_ros.estimation.soundness import ABSURD, MISFIT, NOT_FINITE
+from msls_ros.estimation.soundness import ABSURD, MISFIT, NOT_FINITE, PACE
 from msls_ros.estimation.surfaces import read_surfaces
 
 _REASONS = {
     NOT_FINITE: "with these samples and settings its numbers left the range of what can be computed",
     MISFIT: "for long its predictions were absurd, more than ten times what was measured",
     ABSURD: "it had taken samples larger than any of an aircraft (more than 1e6 in SI units), and their like has ended",
+    PACE: "samples come at another rate, for which nothing that was learnt is kept",
 }
 
 HELD = 3

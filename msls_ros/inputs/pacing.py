@@ -4,7 +4,8 @@ Between two of its samples a stream is a straight line to whoever interpolates i
 or a derivative, may have stepped at any time between them, and where it did not, as much is missing in the equations.
 So where such a stream has come half as often again too slowly `screening.SLOW_ROWS` times (more than it has not), its
 samples are the instants, at which all others are interpolated. One that comes more seldom than `SLOWEST`, or than a
-dither can be held, sets no pace: too few rows would be left.
+dither can be held, sets no pace: too few rows would be left. While its messages are lost one that sets it goes on to
+do so, for `screening.LASTS`: at another pace whoever learns begins anew.
 
 What a message repeats because nobody has measured it since is no sample of its stream: see `repeats`.
 
@@ -28,7 +29,7 @@ import numpy as np
 
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.repeats import SLOWEST, RepeatFilter, repeat_settings
-from msls_ros.estimation.screening import SLOW, SLOW_ROWS
+from msls_ros.estimation.screening import LASTS, SLOW, SLOW_ROWS
 from msls_ros.inputs.input_map import WIND, StreamInput
 
 SHARE = 0.1
@@ -37,6 +38,8 @@ STEPS = ("effectors.", "derivatives.", "angular_acceleration", "specific_force")
 """What streams begin with that may step."""
 USUAL = 100.0
 """Rate where none is said [Hz]."""
+LONGEST = 1.0
+"""Of a single pause so much counts as messages that are lost [s]."""
 MOST_HELD = 0.6
 """Share of the time for which a dither is held, that may pass between two instants [1]."""
 
@@ -87,6 +90,8 @@ class Pacer:
         self._step = [0.0] * (count + 1)
         self._slow = [0] * count
         self._instant: int | None = None
+        self._lost = 0.0
+        """Time for which more of the messages of the stream that sets the pace are lost than come [s]."""
         self.pacer = -1
         """Index of the stream that sets the pace; -1: the clock does."""
 
@@ -106,17 +111,30 @@ class Pacer:
 
     def sample(self, index: int, stamp: int) -> bool:
         """Whether a stream's sample, stamped [ns], is an instant."""
+        last = self._last[index]
         step = self._observe(index, stamp)
+        if index == self.pacer and last is not None:
+            self._observe_losses((stamp - last) * 1e-9)
         if not self._counts[index] or self._step[-1] == 0.0 or step == 0.0:
             return False
         slow = SLOW * self._step[-1] < step <= self._slowest
-        self._slow[index] = min(self._slow[index] + 1, 2 * SLOW_ROWS) if slow else max(self._slow[index] - 1, 0)
+        if index != self.pacer or step <= self._slowest:
+            self._slow[index] = min(self._slow[index] + 1, 2 * SLOW_ROWS) if slow else max(self._slow[index] - 1, 0)
         believed = self._slow[index] >= SLOW_ROWS
         if index == self.pacer:
             self.pacer = index if self._slow[index] > 0 else -1
         elif believed and (self.pacer < 0 or self._step[index] > SLOW * self._step[self.pacer]):
             self.pacer = index
+            self._lost = 0.0
         return index == self.pacer and self._later(stamp)
+
+    def _observe_losses(self, step: float) -> None:
+        """Note a step [s] of the stream that sets the pace: it does no more where too few of its messages come."""
+        lost = min(step, LONGEST) if step > self._slowest else -step
+        self._lost = max(self._lost + lost, 0.0)
+        if self._lost >= LASTS:
+            self.pacer = -1
+            self._slow = [0] * len(self._slow)
 
     def _observe(self, index: int, stamp: int) -> float:
         """Note a stamp [ns]; return the step to it [s], 0 where it says nothing."""

@@ -13,7 +13,7 @@ from benchmarks.linear_beds import configure, draw, fly
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.repeats import ALIVE, BELIEVED, STUCK, RepeatFilter, repeat_settings
-from msls_ros.estimation.screening import HELD, LEARNT, SLOW_ROWS, Screen
+from msls_ros.estimation.screening import HELD, LASTS, LEARNT, SLOW_ROWS, Screen
 
 RATE = 50.0
 CONFIGURATION = {"states": ("v", "P"), "effectors": ("da",), "known_gravity": False, "estimator.method": "bank"}
@@ -198,6 +198,25 @@ def test_a_link_that_loses_a_fifth_of_the_samples_does_not_change_the_pace() -> 
     kept = np.random.default_rng(3).uniform(size=len(flight[0])) > 0.2
     identifier.run(*thinned(flight, kept))
     assert identifier.learning_rate == rate
+
+
+@pytest.mark.parametrize("lost", ["for seconds", "for good"])
+def test_what_was_learnt_is_not_forgotten_for_a_link_that_fails_for_seconds_and_never_without_an_event(
+    lost: str,
+) -> None:
+    flight, identifier, _, rate = flight_of(4428)
+    time = flight[0]
+    fails = (time > 40.0) & ((time % 15.0 < 2.5) if lost == "for seconds" else True)
+    kept = np.where(fails, np.random.default_rng(3).uniform(size=len(time)) > 0.7, True)
+    run = identifier.run(*thinned(flight, kept))
+    resets = [e for estimate in run.estimates for e in estimate.events if e.kind == EventKind.RESET]
+    if lost == "for seconds":
+        assert identifier.learning_rate == rate
+        assert not resets
+    else:
+        assert identifier.learning_rate < 0.6 * rate
+        assert resets and 40.0 + LASTS < resets[0].time < 40.0 + 2.0 * LASTS
+        assert "another rate" in resets[0].description
 
 
 def test_a_state_that_is_held_goes_by_hermites_cubic_between_its_measurements() -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.repeats import SLOWEST, STUCK
-from msls_ros.estimation.screening import SLOW_ROWS
+from msls_ros.estimation.screening import LASTS, SLOW_ROWS
 from msls_ros.inputs import EffectorRow, InputAdapter, InputMap, StateRow
 from msls_ros.inputs.check_timing import check_rates
 from msls_ros.inputs.pacing import slowest_pace
@@ -69,6 +69,15 @@ def test_a_stream_that_may_step_and_is_slower_than_the_clock_sets_the_pace(slow:
     assert [k for k in steps if k > known] == [k for k in range(1, 400, 4) if k > known]
     assert set(range(1, known - 4)) <= set(steps)
     assert one.refused["stale"] == 1  # the instant before the first sample
+
+
+@pytest.mark.parametrize(("seconds", "stays"), [(2.5, True), (2.0 * LASTS, False)])
+def test_a_stream_whose_messages_are_lost_for_seconds_goes_on_to_set_the_pace(seconds: float, stays: bool) -> None:
+    one, until = adapter(), round(400 + 100 * seconds)
+    lost = np.random.default_rng(5).uniform(size=until) < 0.9
+    servo = (sent for k, sent in enumerate(stream("servo", "da", 2, until)) if 2 * k < 400 or not lost[k])
+    rows(one, stream("imu", "p", 1, until), servo, stream("vane", "v", 1, until))
+    assert one.pace[0] == ("effectors.da (/servo da)" if stays else "")
 
 
 def test_a_state_that_is_slower_than_the_clock_is_interpolated() -> None:

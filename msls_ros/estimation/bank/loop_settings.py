@@ -164,6 +164,8 @@ class BankSettings(NamedTuple):
     """Samples between estimates that are kept for that."""
     persistence: int
     """Samples of which regressors and outputs are kept, for the mean that an effect is changed about."""
+    feedback_lags: Integers
+    """(l,) samples between a residual and the regressors that may answer it, see `bank.feedback`."""
     batches: Integers
     """(k,) samples of the batches of which the estimates' moves are taken, see `bank.batches`."""
     batch_factor: Array

@@ -21,6 +21,7 @@ from msls_ros.estimation.bank.effector_noise import (
     observe_whites,
 )
 from msls_ros.estimation.bank.energy import observe_energy
+from msls_ros.estimation.bank.feedback import forget_feedback, observe_feedback
 from msls_ros.estimation.bank.forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank.gusts import forget_gusts, observe_gusts
 from msls_ros.estimation.bank.lags import KEEP, observe_inputs
@@ -249,6 +250,7 @@ def update_rows(s: BankSettings, x: BankState, y: Array, work: BankWork) -> None
         judge(s, x, q, y[q], work)
         observe_errors(s, x, q, work.e)
         observe_innovations(s, x, q)
+        observe_feedback(s, x, q, work.phi)
         turn, young = x.samples[0] + q, x.age[x.group[q]] <= settled
         if turn % WEIGH == 0 or young:
             weigh(s, x, q, work.e)
@@ -376,6 +378,7 @@ def restart_row(x: BankState, q: int) -> None:
     x.counted[q] = -2 * p
     x.drawn[q] = 0
     clear_batches(x, q)
+    forget_feedback(x, q)
     for i in range(p):
         x.best_square[q, i] = math.inf
         x.shift[q, i] = 0.0

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from msls_ros.estimation.bank.answers import ANSWERED
+from msls_ros.estimation.bank.feedback import LATER
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import LONGEST
 from msls_ros.estimation.bank.losses import EVERY
@@ -418,6 +419,7 @@ def _responses(rows: int, period: float, straddle: int, differenced: Sequence[in
         block_quick=min(late * period / quick, 1.0),
         latest=max(1, round(LATEST / period)),
         late_noise=_unlike(straddle, late),
+        feedback_lags=np.array([max(1, round(lag / period)) + straddle for lag in LATER], np.int64),
         late_part=DELAY_OF_RECORDS / (late * period),
         late_apart=DELAY_OF_SENSORS / (late * period),
     )

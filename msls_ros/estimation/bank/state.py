@@ -239,6 +239,12 @@ class BankState(NamedTuple):
     """(r, v) sum of the squares by which blocks have moved gamma, over its information."""
     gust_effect: Array
     """(r, v) the most that noise has of a velocity's effect; infinite: not known."""
+    past_residuals: Array
+    """(l, r) residuals of the member of the longest memory, a ring, see `bank.feedback`."""
+    followed_residuals: Array
+    """(r, l, p) sums of their products with the regressors later, by lag."""
+    feedback_square: Array
+    """(r, p) squared errors of effects for what of them may be gusts that a law answers."""
     gust_bias: Array
     """(r, v) the most bias by it, effect times variance."""
     gust_blocks: Integers
@@ -389,6 +395,8 @@ class BankState(NamedTuple):
     """(1,) samples since the last reset."""
     learning: Integers
     """(1,) samples left in which what is excited for the first time is learnt, not alarmed."""
+    waited: Integers
+    """(1,) samples for which an alarm has waited for an effector to move."""
     alert: Integers
     """(1,) samples left in which an alarm of another row is likely."""
     waiting: Integers

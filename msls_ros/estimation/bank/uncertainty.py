@@ -63,6 +63,7 @@ from msls_ros.estimation.bank.elsewhere import (
     turn_from_mean,
 )
 from msls_ros.estimation.bank.fed_noise import follows_noise
+from msls_ros.estimation.bank.feedback import find_feedback
 from msls_ros.estimation.bank.lags import (
     KEEP,
     find_late_square,
@@ -234,7 +235,7 @@ def direct_squares(
         )
         squares[i] += stays * stays
         squares[i] += withheld_square(s, x, q, i, leader, variance / x.known[q, i])
-        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i)
+        squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + x.feedback_square[q, i]
         squares[i] += elsewhere_square(s, x.mixed[q, i], i, away, apart)
         if s.coupled[q + 1, i] >= 0:
             squares[i] += inertial_square(s, x, q, i, turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
@@ -361,6 +362,7 @@ def keep_best(
         observe_batches(s, x, q, leader, RARELY * KEEP)
     if turn % RARELY == 0 or x.samples[0] < FIRST:
         find_late_square(s, x, q, products)
+        find_feedback(s, x, q, squares)
     block = x.samples[0] // max(round(LATELY / (1.0 - s.colour_forgetting)), 1)
     if block != x.lately[q]:
         x.lately[q] = block
