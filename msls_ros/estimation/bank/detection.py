@@ -163,15 +163,12 @@ def sense_bank(
     wanted = any_alarm or (not learning and is_pair(s, statistic))
     if x.alert[0] > 0:
         x.alert[0] -= 1
-    elif waits_for_motion(x, wanted):
-        any_alarm = False
-        alarm[:] = 0
-    elif wanted:
-        any_alarm = True
-        x.alert[0] = x.ring.shape[1]
+    elif wanted or x.waits[0] > 0:
         for q in range(y.shape[0]):
-            if statistic[q] > LIKELY * s.threshold:
+            if wanted and statistic[q] > LIKELY * s.threshold:
                 alarm[q] = 1
+        any_alarm = wait_for_motion(s, x, learning, statistic, alarm)
+        x.alert[0] = x.ring.shape[1] if any_alarm else 0
     if s.axial >= 0 and alarm[s.axial] == 0:
         statistic[s.axial] = axial
     return any_alarm
@@ -337,13 +334,37 @@ def begins_to_move(s: BankSettings, x: BankState) -> bool:
 
 
 @compiled
-def waits_for_motion(x: BankState, alarms: bool) -> bool:
-    """Whether an alarm waits, for an effector that no output has answered may have begun to move within its noise."""
-    x.waited[0] = x.waited[0] + 1 if alarms else 0
-    rests = False
+def wait_for_motion(s: BankSettings, x: BankState, learning: bool, statistic: Array, alarm: Integers) -> bool:
+    """Hold alarms (r,) back while an effector may have begun to move; return whether they are raised now.
+
+    Which may have has none that an output has answered, and goes further than it does by the noise of its record on
+    average: then it shows in the next samples whether it goes on (``learning``), and what alarmed is learnt.
+    """
+    if x.waits[0] == 0:
+        if not may_begin_to_move(s, x):
+            return True
+        x.waits[0] = WITHIN_NOISE + 1
+        x.held_statistic[:] = 0.0
+    x.waits[0] = 0 if learning else x.waits[0] - 1
+    raised = x.waits[0] == 0 and not learning
+    for q in range(alarm.shape[0]):
+        if alarm[q] != 0:
+            x.held_statistic[q] = max(x.held_statistic[q], statistic[q])
+        alarm[q] = 1 if raised and x.held_statistic[q] > 0.0 else 0
+        if raised:
+            statistic[q] = max(statistic[q], x.held_statistic[q])
+    return bool(raised)
+
+
+@compiled
+def may_begin_to_move(s: BankSettings, x: BankState) -> bool:
+    """Whether an effector that no output has answered goes further than on average, by noise of its record or not."""
     for j in range(x.answered.shape[0]):
-        rests = rests or (x.answered[j] == 0 and x.third_noise[j] > 0.0)
-    return bool(alarms and rests and x.waited[0] <= WITHIN_NOISE)
+        i = s.effectors_from + 1 + j
+        resting = x.answered[j] == 0 and x.third_noise[j] > 0.0
+        if resting and x.quick[i] * x.quick[i] > first_limit(s, x, i, 1.0):
+            return True
+    return False
 
 
 @compiled

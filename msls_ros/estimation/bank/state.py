@@ -395,8 +395,10 @@ class BankState(NamedTuple):
     """(1,) samples since the last reset."""
     learning: Integers
     """(1,) samples left in which what is excited for the first time is learnt, not alarmed."""
-    waited: Integers
-    """(1,) samples for which an alarm has waited for an effector to move."""
+    waits: Integers
+    """(1,) samples for which an alarm still waits for an effector to move."""
+    held_statistic: Array
+    """(r,) its statistics, by row."""
     alert: Integers
     """(1,) samples left in which an alarm of another row is likely."""
     waiting: Integers
