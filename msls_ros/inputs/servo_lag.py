@@ -7,11 +7,10 @@ anew after a gap, as what was commanded in between is not known.
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array
 
 
@@ -40,7 +39,7 @@ class ServoLag:
         """Take a command and its stamp [ns], which is later than those before; return the deflection then."""
         step = 0 if self._last is None else stamp - self._last
         if 0 < step <= self._longest:
-            self._deflection -= math.expm1(-step * self._rate) * (self._command - self._deflection)
+            self._deflection += (1.0 - exponential(-step * self._rate)) * (self._command - self._deflection)
         else:
             self._deflection = command
         self._last, self._command = stamp, command

@@ -79,5 +79,5 @@ def test_what_the_identifier_finds_itself_makes_no_numbers_wrong(
 ) -> None:
     bag = recorded(tmp_path, late_us)
     said = {m: next(f for f in inspected(bag, capsys, method=m) if f["kind"] == "delay") for m in ("bank", "msls")}
-    assert said["bank"]["level"] == "doubtful" and "the identifier finds as much" in said["bank"]["what"]
+    assert said["bank"]["level"] == "doubtful" and "the identifier looks for as much" in said["bank"]["what"]
     assert "B is wrong by it" in said["msls"]["what"]

@@ -90,6 +90,8 @@ BY_NOISE = 9.0
 """Squared standard deviations of the noise in a deflection beyond which it is motion."""
 BEGINS = 6.25
 """Squared deviations, over their mean in the last seconds, from which an effector may begin to move: one in 80 is."""
+MAY_BEGIN = 2.71
+"""The same from which it may begin within the noise of its record: one in ten is (those below had 3.6 to 5.8)."""
 WITHIN_NOISE = 2
 """Samples for which the noise of its record may hide that an effector has begun to move: then it is out.
 
@@ -362,7 +364,7 @@ def may_begin_to_move(s: BankSettings, x: BankState) -> bool:
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
         resting = x.answered[j] == 0 and x.third_noise[j] > 0.0
-        if resting and x.quick[i] * x.quick[i] > first_limit(s, x, i, 1.0):
+        if resting and x.quick[i] * x.quick[i] > first_limit(s, x, i, MAY_BEGIN):
             return True
     return False
 

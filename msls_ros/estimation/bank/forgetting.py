@@ -19,6 +19,7 @@ import math
 
 from msls_ros.estimation.bank.batches import shift_batches
 from msls_ros.estimation.bank.changes import begin_window
+from msls_ros.estimation.bank.feedback import forget_feedback
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, effect_of, noise_of, square_of_effect
 from msls_ros.estimation.bank.members import find_information
@@ -230,6 +231,7 @@ def shift_row(s: BankSettings, x: BankState, q: int, k: int, effect: float) -> N
             x.square[q, first + j] = math.inf
             shift_batches(x, q, first + j, step * s.gains[k, j])
     x.mixed[q, 0] += mean_error(x, q, x.mixed[q])
+    forget_feedback(x, q)
     x.drawn[q] = 0
     for i in range(x.shift.shape[1]):
         x.shift[q, i] = 0.0
