@@ -339,8 +339,7 @@ def begins_to_move(s: BankSettings, x: BankState) -> bool:
 def wait_for_motion(s: BankSettings, x: BankState, learning: bool, statistic: Array, alarm: Integers) -> bool:
     """Hold alarms (r,) back while an effector may have begun to move; return whether they are raised now.
 
-    Which may have has none that an output has answered, and goes further than it does by the noise of its record on
-    average: then it shows in the next samples whether it goes on (``learning``), and what alarmed is learnt.
+    Whether one has shows in the next samples: then it goes on (``learning``), and what alarmed is learnt.
     """
     if x.waits[0] == 0:
         if not may_begin_to_move(s, x):
@@ -360,7 +359,7 @@ def wait_for_motion(s: BankSettings, x: BankState, learning: bool, statistic: Ar
 
 @compiled
 def may_begin_to_move(s: BankSettings, x: BankState) -> bool:
-    """Whether an effector that no output has answered goes further than on average, by noise of its record or not."""
+    """Whether an effector that no output has answered goes further than its noise does in nine of ten samples."""
     for j in range(x.answered.shape[0]):
         i = s.effectors_from + 1 + j
         resting = x.answered[j] == 0 and x.third_noise[j] > 0.0
