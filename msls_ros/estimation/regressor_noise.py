@@ -49,6 +49,7 @@ from msls_ros.estimation.state_delay import (
     keep_deflections,
     make_delay,
     observe_delay,
+    observe_motion,
     observe_short,
     observe_turns,
     short_window,
@@ -207,12 +208,13 @@ def observe_defect(
             aligned[k, columns[j]] = align(defect.delay, j, v, a, a - defect.last[1, j], since)
             if defect.filled[0] >= 0:
                 integrate(defect, j, v, a, step)
-            noise.defect[k, j] = compare(defect, j, a, step, gain) if full else 0.0
+            noise.defect[k, j] = compare(defect, j, v, a, step, gain) if full else 0.0
             noise.variance[k, j] = noise_of(defect, j, v, gain)
             noise.white[k, j] = max(-defect.lagged[1, j], 0.0)
             noise.shown[k, j] = 0.5 * defect.variance[j] if defect.number[0] > 0 else 0.0
             if defect.filled[0] >= 0:
                 defect.rates[defect.filled[0] % defect.size[j], j] = a
+                defect.delay.past[defect.filled[0] % defect.size[j], j] = v
             defect.last[0, j] = v
             defect.last[1, j] = a
         if full:
@@ -265,7 +267,7 @@ def observe_step(defect: Defect, j: int, d: float, step: float) -> None:
 
 
 @compiled
-def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> float:
+def compare(defect: Defect, j: int, v: float, a: float, step: float, gain: float) -> float:
     """Update what D and C of state j are in the mean, and how late it is, with a whole window.
 
     Parameters
@@ -274,8 +276,8 @@ def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> float
         Memory; updated.
     j
         Which.
-    a
-        Its derivative now.
+    v, a
+        State j and its derivative now.
     step
         Since the last sample [s].
     gain
@@ -295,6 +297,7 @@ def compare(defect: Defect, j: int, a: float, step: float, gain: float) -> float
     defect.product[j] += gain * (d * c - defect.product[j])
     defect.square[j] += gain * (c * c - defect.square[j])
     if defect.delay.velocity[j] != 0:
+        observe_motion(defect.delay, j, filled, v, -defect.lagged[1, j], step, gain)
         lately = a - defect.rates[(filled - short_window(size)) % size, j]
         observe_delay(defect.delay, j, (c, d), lately, (defect.change[j], defect.mean[j]), step)
     if defect.square[j] > 0.0:

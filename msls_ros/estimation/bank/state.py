@@ -211,13 +211,17 @@ class BankState(NamedTuple):
     """(p,) of the regressors in these."""
     window_noise: Array
     """(p,) variance of what is known to be noise in them."""
+    window_white: Array
+    """(p,) variance of what of them is white besides, and noise or may be."""
     window_factor: Array
     """(p, p) Cholesky factor of that, from 1 on, pivots inverted."""
     window_square: Array
     """(p,) variances of the effectors' effects by it, in units of the residual's."""
     window_row: Array
-    """(p,) scratch, as the next one."""
+    """(p,) scratch, as the next two."""
     window_left: Array
+    """(p,)"""
+    window_vague: Array
     """(p,)"""
     window_change: Array
     """(p,) squares by which a row's effects may have changed."""
@@ -243,6 +247,8 @@ class BankState(NamedTuple):
     """(l, r) residuals of the member of the longest memory, a ring, see `bank.feedback`."""
     followed_residuals: Array
     """(r, l, p) sums of their products with the regressors later, by lag."""
+    followed_squares: Array
+    """(r, 2, l) number of those residuals, and sum of their squares, weighted as the products."""
     feedback_square: Array
     """(r, p) squared errors of effects for what of them may be gusts that a law answers."""
     gust_bias: Array
