@@ -73,7 +73,15 @@ def test_how_late_a_velocity_is_is_found_and_put_right(late: float, lag: float) 
     assert left < 0.3 * was + 0.01
 
 
-@pytest.mark.parametrize("gusts", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize(("noise", "gusts"), [(0.1, 0.0), (0.2, 0.0), (0.01, 0.1)])
+def test_noise_and_light_gusts_do_not_hide_it(noise: float, gusts: float) -> None:
+    """Of noise of .2, a tenth of the motion, it was none while an aircraft might answer gusts with 10/s."""
+    for late, lag in ((0.03, 0.0), (0.0, 0.04)):
+        found, _ = find(record(fly(gusts), late, lag, noise))
+        assert found == pytest.approx(late + lag, abs=0.006)
+
+
+@pytest.mark.parametrize("gusts", [0.1, 0.3, 0.6, 1.0])
 def test_gusts_are_no_delay(gusts: float) -> None:
     """A gust moves the velocity first, and the aircraft answers it, as it would if the velocity were late."""
     samples = record(fly(gusts), 0.0, 0.0)
