@@ -47,6 +47,7 @@ from msls_ros.estimation.state_delay import (
     clear_delay,
     combine_delays,
     keep_deflections,
+    left_late,
     make_delay,
     observe_delay,
     observe_motion,
@@ -88,12 +89,14 @@ class RegressorNoise(NamedTuple):
     """(n, v) as much of ``variance`` as has shown: without what is added for few windows."""
     defect: Array
     """(n, v) D, about its mean and about what goes with C; 0 while no window is full [state]."""
+    late: Array
+    """(n, v) by how much velocities seem later than was put right, see `state_delay` [s]."""
 
 
 def make_noise(samples: int, states: int) -> RegressorNoise:
     """Allocate for so many samples: no noise."""
-    none = np.zeros((4, samples, states))
-    return RegressorNoise(none[0], none[1], np.ones((samples, states)), none[2], none[3])
+    none = np.zeros((5, samples, states))
+    return RegressorNoise(none[0], none[1], np.ones((samples, states)), none[2], none[3], none[4])
 
 
 @passed_by_reference
@@ -219,6 +222,8 @@ def observe_defect(
             defect.last[1, j] = a
         if full:
             combine_delays(defect.delay)
+        for j in range(count):
+            noise.late[k, j] = left_late(defect.delay, j)
         if defect.filled[0] >= 0:
             keep_deflections(defect.delay, defect.filled[0], delta[k])
         defect.clock[1] = step if defect.filled[0] >= 0 else 0.0

@@ -21,6 +21,8 @@ weights of ``1 / (V + APART^2)`` (random effects). What is not beyond a standard
 used, and ``x + tau xdot - CURVED tau^2 xdotdot`` learnt from, so that states and derivatives are of one time. How late
 a sensor is does not change in flight, so that it is remembered for minutes. What is no longer than half a sample may as
 well be how a simulator integrates. Of angular rates nothing is made: gyros and their derivatives are of one sensor.
+What of tau is not put right, for gusts may have made it, is in the errors of A (`bank.uncertainty.delay_square`), be it
+as much as `LATEST`.
 
 References
 ----------
@@ -348,3 +350,12 @@ def combine_delays(x: Delay) -> None:
         variance = spread * (1.0 - own)
         likely = INTEGRATED * x.period[0] < abs(tau) < LATEST
         x.late[j] = tau - variance / tau if likely and tau * tau > variance else 0.0
+
+
+@compiled
+def left_late(x: Delay, j: int) -> float:
+    """Return by how much state j seems later than was put right [s]: it may be gusts, it may be a delay."""
+    seen = min(max(x.seen[j], -LATEST), LATEST)
+    if x.velocity[j] == 0 or abs(seen) <= INTEGRATED * x.period[0]:
+        return 0.0
+    return float(seen - x.late[j])

@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "866963871008bd3a835faf6a5236c5ff"
+PINNED = "bfb9823aab839782434abc1d4888e86c"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

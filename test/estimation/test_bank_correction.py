@@ -137,9 +137,10 @@ def begin(seed: int) -> list[Estimate]:
         slope = -2.0 * rate + 10.0 * aileron
         rows.append((0.0, rate, 0.0, slope, aileron))
         rate += 0.02 * slope
-    rows = np.array(rows) + random.normal(size=(150, 5)) * [0.1, 5e-4, 0.02, 5e-3, 0.0]
+    records = np.array(rows, np.float64) + random.normal(size=(150, 5)) * [0.1, 5e-4, 0.02, 5e-3, 0.0]
     names = {"states": ("v", "P"), "effectors": ("da",), "known_gravity": False, "sample_rate": 50.0}
-    return Identifier(from_mapping(names)).run(0.02 * np.arange(150), *np.split(rows, [2, 4], axis=1)).estimates
+    x, xdot, delta = records[:, :2], records[:, 2:4], records[:, 4:]
+    return Identifier(from_mapping(names)).run(0.02 * np.arange(150, dtype=np.float64), x, xdot, delta).estimates
 
 
 def test_what_an_unknown_state_may_do_is_no_more_than_its_noise_shows() -> None:

@@ -181,6 +181,7 @@ def take_noise(s: BankSettings, x: BankState, noise: RegressorNoise, n: int, wor
         x.white_noise[q] = min(noise.white[n, q] * (2.0 - noise.believed[n, q]) * square, work.shown[q])
         x.white_states[q] = noise.white[n, q] * square
         x.measured[q] = noise.believed[n, q]
+        x.left_late[q] = noise.late[n, q]
     p = work.phi.shape[0]
     for j in range(s.velocities.shape[0]):
         i = s.velocities[j]

@@ -226,6 +226,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         state_median=np.zeros(rows),
         measured=np.zeros(rows),
         white_states=np.zeros(rows),
+        left_late=np.zeros(rows),
         white_noise=np.zeros(rows),
         third_noise=np.zeros(effectors),
         answered=np.zeros(effectors, np.int64),

@@ -334,6 +334,8 @@ class BankState(NamedTuple):
     """(r,) median square of their third differences, of the size of their noise."""
     measured: Array
     """(r,) K of `state_filter` [1]; 0: they are as measured."""
+    left_late: Array
+    """(r,) by how much states seem later than was put right [s]."""
     white_states: Array
     """(r,) variance of white noise in the states, as regressors, where derivatives are measured."""
     white_noise: Array

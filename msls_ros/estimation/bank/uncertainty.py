@@ -27,7 +27,7 @@ estimate is kept with its error, time and place in the envelope, and serves as l
 To both is added a quarter of the square by which the member that remembers the last second and a half contradicts the
 estimate beyond two of its standard errors: what dither alone shows of a change counts little in the evidence, but it
 must not be hidden. By what the last eight seconds contradict that of an effector's effect, what is published is wider
-besides (`bank.changes`).
+besides (`bank.changes`), and of a state's by how late velocities seem (`delay_square`).
 
 By the triangle inequality the error of now is at most that of then plus what the estimate has moved since, while the
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
@@ -408,6 +408,26 @@ def keep_best(
 
 
 @compiled
+def delay_square(s: BankSettings, x: BankState, q: int, i: int, phi: Array) -> float:
+    """Square by which row q's coefficient of state i may be off for velocities that seem late, see `state_delay`.
+
+    Where a velocity is late by tau, ``v + tau vdot`` makes of its effect ``A_qv`` an effect ``tau A_qv dvdot/dx_i`` of
+    every other state, with what is known of its derivative besides (phi, (p,): where the estimates are wanted).
+    """
+    total = 0.0
+    for n in range(s.velocities.shape[0]):
+        j = s.velocities[n]
+        late = x.left_late[j - 1]
+        if late != 0.0:
+            source = s.turning[j, i]
+            moved = x.mixed[j - 1, i]
+            if source > 0:
+                moved += s.turned[j, i] * phi[source]
+            total += late * x.mixed[q, j] * power_of(s, j, ratio_of(x)) * moved
+    return float(total * total)
+
+
+@compiled
 def bank_errors(
     s: BankSettings,
     x: BankState,
@@ -458,6 +478,8 @@ def bank_errors(
     for i in range(p):
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
         square = errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i) + x.window_change[i]
+        if i <= s.effectors_from:
+            square += delay_square(s, x, q, i, phi)
         square *= power * power
         if source > 0:
             own = part / power_of(s, source, ratio_of(x))
