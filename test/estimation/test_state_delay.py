@@ -138,7 +138,7 @@ def test_the_papers_method_takes_velocities_as_they_are() -> None:
 
 
 def test_a_delay_that_gusts_hide_is_in_the_errors_of_a() -> None:
-    """It cannot be parted from gusts and is not put right: without that A, where called reliable, was covered in .50."""
+    """Gusts may have made it, and it is not put right: without that A, where called reliable, was covered in .50."""
     reliable, covered = 0, 0
     for seed in range(3):
         names = {"states": ("w", "Q"), "effectors": ("de",), "sample_rate": RATE, "known_gravity": False}
