@@ -28,7 +28,7 @@ SMALL: dict[str, Any] = {
     "estimator.method": "bank",
     "dither.bandwidth": 2.0,
 }
-PINNED = "bfb9823aab839782434abc1d4888e86c"
+PINNED = "0f38ed27480edcad301d85936d214f63"
 SAMPLES, FAULT, PERIOD = 240, 150, 0.02
 
 BITS = """

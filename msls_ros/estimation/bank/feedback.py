@@ -9,8 +9,6 @@ dither, goes with no gust of before; what a law does, does::
 
 of the member of the longest memory, with its own weights w and information M. In the deflection's time the residual has
 been made orthogonal to it; at lags of a law, its servos and the aircraft, `LATER`, what both have in common shows.
-Chance makes ``(M^-1)_ii`` times the mean square of the residuals in those products, where that is more than the
-residual's variance of now: the first ones are large, and few (White).
 
 A transport aircraft (18 t, 25 Hz, not one of ours) in gusts of .7 to 1 m/s that roll, a law that answers roll by bank
 and rate: P by da -7 to -19 of -9.5 before the pilot's first input, +-.8 to 2.4 by least squares; |b| is 3.3 to 12.4.
@@ -20,8 +18,7 @@ References
 ----------
 Soderstrom and Stoica, *System Identification*, 1989, chapter 10 (closed loop: what feedback leaves unidentified).
 Durbin, "Errors in variables", Review of the International Statistical Institute 22 (1954); Hausman, "Specification
-tests in econometrics", Econometrica 46 (1978) (a regressor that goes with the disturbance). White, "A
-heteroskedasticity-consistent covariance matrix estimator", Econometrica 48 (1980).
+tests in econometrics", Econometrica 46 (1978) (a regressor that goes with the disturbance).
 """
 
 from __future__ import annotations
@@ -51,11 +48,8 @@ def observe_feedback(s: BankSettings, x: BankState, q: int, phi: Array) -> None:
     deviation = x.deviation[g, m]
     x.past_residuals[now, q] = x.errors[q, m] * deviation * deviation
     for n in range(s.feedback_lags.shape[0]):
-        past = x.past_residuals[(now + size - s.feedback_lags[n]) % size, q]
-        weighed = weight * past
+        weighed = weight * x.past_residuals[(now + size - s.feedback_lags[n]) % size, q]
         common = x.followed_residuals[q, n]
-        x.followed_squares[q, 0, n] = fade * x.followed_squares[q, 0, n] + weight
-        x.followed_squares[q, 1, n] = fade * x.followed_squares[q, 1, n] + weighed * past
         for i in range(phi.shape[0]):
             common[i] = fade * common[i] + weighed * phi[i]
 
@@ -82,10 +76,8 @@ def find_feedback(s: BankSettings, x: BankState, q: int, left: Array) -> None:
             for k in range(j + 1, p):
                 total -= R[j, k, m] * left[k]
             left[j] = total / R[j, j, m]
-        number, square = x.followed_squares[q, 0, n], x.followed_squares[q, 1, n]
-        chance = CHANCE * (max(variance, square / number) if number > 0.0 else variance)
         for i in range(s.effectors_from + 1, s.effectors_to + 1):
-            beyond = left[i] * left[i] - chance / x.info[g, i, m]
+            beyond = left[i] * left[i] - CHANCE * variance / x.info[g, i, m]
             x.feedback_square[q, i] = max(x.feedback_square[q, i], beyond)
 
 
@@ -96,8 +88,5 @@ def forget_feedback(x: BankState, q: int) -> None:
         x.past_residuals[k, q] = 0.0
     for i in range(x.feedback_square.shape[1]):
         x.feedback_square[q, i] = 0.0
-    for n in range(x.followed_residuals.shape[1]):
-        x.followed_squares[q, 0, n] = 0.0
-        x.followed_squares[q, 1, n] = 0.0
-        for i in range(x.followed_residuals.shape[2]):
+        for n in range(x.followed_residuals.shape[1]):
             x.followed_residuals[q, n, i] = 0.0

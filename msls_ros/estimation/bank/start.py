@@ -107,6 +107,8 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
     early = int(-s.responses[:others, 1].min())
     back, signals = int(s.responses[:, 1].max()) + s.ahead + 2, s.effectors_from + rows
     return dict(
+        moving=np.zeros((2, p)),
+        shapes=np.ones((2, 2)),
         quick=np.zeros(p),
         quick_past=np.zeros((s.late, effectors)),
         quick_late=np.zeros(effectors),
@@ -161,7 +163,6 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         gust_effect=np.zeros((rows, v)),
         past_residuals=np.zeros((int(max(s.feedback_lags)) + 1, rows)),
         followed_residuals=np.zeros((rows, len(s.feedback_lags), p)),
-        followed_squares=np.zeros((rows, 2, len(s.feedback_lags))),
         feedback_square=np.zeros((rows, p)),
         gust_bias=np.zeros((rows, v)),
         gust_blocks=np.zeros(1, np.int64),

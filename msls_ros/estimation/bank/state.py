@@ -114,6 +114,10 @@ class BankState(NamedTuple):
     """(r, 2) weighted sums: the members' normalised squared errors one step ahead, their weights."""
     colour: Array
     """(r, 2) weighted sums: products of successive prediction errors, and their squares."""
+    moving: Array
+    """(2, p) what moves now beyond noise, and how far regressors are from their means; constant 0."""
+    shapes: Array
+    """(2, 2) by axis: the squared errors that these allow together, over those of each by itself, 1 at most."""
     quick: Array
     """(p,) the regressors above their mean of the last moment, and so since the estimates that predict them."""
     quick_past: Array
@@ -247,8 +251,6 @@ class BankState(NamedTuple):
     """(l, r) residuals of the member of the longest memory, a ring, see `bank.feedback`."""
     followed_residuals: Array
     """(r, l, p) sums of their products with the regressors later, by lag."""
-    followed_squares: Array
-    """(r, 2, l) number of those residuals, and sum of their squares, weighted as the products."""
     feedback_square: Array
     """(r, p) squared errors of effects for what of them may be gusts that a law answers."""
     gust_bias: Array
