@@ -25,8 +25,9 @@ one of all others, in full, and no more than by the best that was known, or by w
 (`bank.forgetting`). Nor can it be more than shows: what it makes of the noise is in the residual, ``theta_k^2 sigma_k^2
 <= SHOWN s^2``, be it by the noise itself, or by an elevator that follows it through a servo and seems to do what the
 angle of attack does. In the first seconds of a flight next to nothing is known of a sideslip that nothing has moved,
-and the bars were made of what an effector has in common with it by chance: b43 of the paper's flight, low noise, seed
-0, was +-2.3 until 1.5 s, in steps to .1 and back until 2.2 s; it is +-.2 at 1 s and +-.08 at 1.8 s, and errs by .03.
+and the bars were made of what an effector has in common with it by chance: the standard error of b43 in the paper's
+flight, low noise, seed 0, was above 1 until 1.5 s and stepped between .05 and .9 until 2.2 s; it is .14 at 1.5 s and
+.11 at 1.8 s.
 
 Where nothing but its noise is left of an angle of attack beside the elevator that follows it (feedback without dither),
 the elevator may do all that the angle of attack does, and next to nothing shows it in the residual. ``V_jk`` is of n
