@@ -59,8 +59,8 @@ PACE = 2.0
 
 By what makes tau of gusts, none being late, it answers them .03 to 1.1 times as quickly: u, v and w of the F-16 in
 severe air, low noise, and of nineteen other aircraft of JSBSim at 25 Hz (`calibration`, gusts, seed 851); .01 to 1.2
-times: six nonlinear aircraft of another simulation. With `FASTEST` alone a vane of .1 deg that lags by 40 ms was not seen on
-an aircraft of 18 t even in still air, and A called reliable was covered in .68; with this .93.
+times: six nonlinear aircraft of another simulation. With `FASTEST` alone a vane of .1 deg that lags by 40 ms was not
+seen on an aircraft of 18 t even in still air, and A called reliable was covered in .68; with this .93.
 """
 
 CERTAIN = 2.0
