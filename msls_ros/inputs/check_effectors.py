@@ -135,7 +135,7 @@ def _in_steps(values: Array, at_end: NDArray[np.bool_], near: float) -> bool:
 
 
 def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
-    """Yield effectors that others make up: pairs in a fixed ratio first, then sums."""
+    """Yield effectors that others make up: pairs in a fixed ratio, as of one channel, then sums, as a law makes them."""
     if len(moving) < 2:
         return
     step = min(float(np.median(np.diff(s.stamps))) * 1e-9 for s in moving.values() if len(s.stamps) > 1)
@@ -168,7 +168,7 @@ def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
             terms = " ".join(f"{w:+.2g} {names[j]}" for w, j in zip(weights, rest, strict=True) if abs(w) > 0.05)
             what = f"{names[k]} = {terms} always: a control law moves them together, they cannot be separated"
             mend = "inject dither or other excitation on each, or leave one out"
-            yield Finding(WRONG, "collinear", f"inputs.{_EFFECTORS}{names[k]}", what, mend)
+            yield Finding(DOUBTFUL, "dependent", f"inputs.{_EFFECTORS}{names[k]}", what, mend)
             return
 
 

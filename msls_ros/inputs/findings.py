@@ -8,7 +8,7 @@ from dataclasses import dataclass
 WRONG, DOUBTFUL, NOTE = "wrong", "doubtful", "note"
 LEVELS = (WRONG, DOUBTFUL, NOTE)
 """How bad, the worst first: numbers would be wrong; numbers may be worse than need be; good to know."""
-OF_THE_FLIGHT = frozenset({"gaps", "excitation", "saturation", "repeats", "servo_rate", "servo_lag"})
+OF_THE_FLIGHT = frozenset({"gaps", "excitation", "saturation", "repeats", "servo_rate", "servo_lag", "dependent"})
 """Kinds whose change is one of the next flight or its recorder: no map mends this log."""
 
 

@@ -13,7 +13,6 @@ import numpy as np
 from msls_ros.bags import AnyReader, BagError
 from msls_ros.inputs import InputMap
 from msls_ros.inputs.check_effectors import check_effectors, speed_of_flight
-from msls_ros.inputs.findings import WRONG
 from msls_ros.inputs.series import Record
 from msls_ros.offline.inspection import read_record
 from msls_ros.offline.servos import TRAVEL, Surface, ardupilot_surfaces, px4_surfaces
@@ -251,7 +250,7 @@ def _drop(draft: Draft, record: Record) -> None:
             del draft.effectors[name]
     for finding in check_effectors(record):
         name = finding.where.rpartition(".")[2]
-        if finding.level == WRONG and finding.kind in ("constant", "collinear") and name in draft.effectors:
+        if finding.kind in ("constant", "collinear", "dependent") and name in draft.effectors:
             draft.left_out.append(f"{name}: {finding.what}")
             del draft.effectors[name]
     if not draft.effectors:

@@ -29,7 +29,7 @@ from inputs.inspected import (
 )
 
 from msls_ros.estimation import EstimationError
-from msls_ros.inputs.findings import NOTE, WRONG, Finding
+from msls_ros.inputs.findings import DOUBTFUL, NOTE, OF_THE_FLIGHT, WRONG, Finding
 
 PULSES = {"topics.servos": "/rc/out mavros_msgs/msg/RCOut", "topics.joints": None}
 
@@ -262,3 +262,19 @@ def test_a_right_map_has_notes_only(lines: dict[str, Any]) -> None:
     found = look(lines)
     assert [f for f in found if f.level != NOTE] == []
     assert any("agree with the motion" in f.what for f in found)
+
+
+def mixed(message: Message) -> Message:
+    """A law that moves the rudder with the two others."""
+    if message[1] == "/joint_states":
+        joints = message[3]
+        at = {name: joints["name"].index(name) for name in ("elevator", "aileron", "rudder")}
+        position = joints["position"]
+        position[at["rudder"]] = 0.6 * position[at["elevator"]] - 0.4 * position[at["aileron"]]
+    return message
+
+
+def test_a_law_that_moves_surfaces_together_is_of_the_flight() -> None:
+    found = [f for f in look({}, mixed) if "cannot be separated" in f.what]
+    assert [(f.level, f.kind) for f in found] == [(DOUBTFUL, "dependent")]
+    assert found[0].kind in OF_THE_FLIGHT
