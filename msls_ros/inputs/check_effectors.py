@@ -135,7 +135,7 @@ def _in_steps(values: Array, at_end: NDArray[np.bool_], near: float) -> bool:
 
 
 def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
-    """Yield effectors that others make up: pairs in a fixed ratio, as of one channel, then sums, as a law makes them."""
+    """Yield effectors that others make up: pairs in a fixed ratio, as of one channel; then sums, as of a law."""
     if len(moving) < 2:
         return
     step = min(float(np.median(np.diff(s.stamps))) * 1e-9 for s in moving.values() if len(s.stamps) > 1)
