@@ -177,14 +177,19 @@ def rows(topic: str, time: ArrayLike, **fields: ArrayLike) -> Iterator[Message]:
     time
         (k,) stamps [s].
     **fields
-        (k,) or (k, 3) and (k, 4), by the names in the paths of the map. NaN where nothing was measured: such a number
-        is refused and counted, the rest is not.
+        (k,) or (k, 3) and (k, 4), by the names in the paths of the map, of an attitude w first. One with dots goes in
+        by ``**{"twist.twist.linear": v}``. NaN where nothing was measured: such a number is refused and counted, the
+        rest is not.
 
     Raises
     ------
     EstimationError
-        For lengths that differ, stamps that are not finite, dates and text.
+        For lengths that differ, stamps that are not finite, dates and text; for names of which one is within another.
     """
+    for name in fields:
+        if inner := next((other for other in fields if other.startswith(name + ".")), ""):
+            message = f"{inner} of {topic} is a part of {name}, that is given whole: give either"
+            raise EstimationError(message)
     stamps = as_numbers(f"time of {topic}", time)
     columns = {name: as_numbers(f"{name} of {topic}", values) for name, values in fields.items()}
     if not np.isfinite(stamps).all():
@@ -200,9 +205,16 @@ def rows(topic: str, time: ArrayLike, **fields: ArrayLike) -> Iterator[Message]:
 
 def _rows(topic: str, stamps: list[int], columns: dict[str, Array]) -> Iterator[Message]:
     lists = [column.tolist() for column in columns.values()]
+    paths = [name.split(".") for name in columns]
     for stamp, *values in zip(stamps, *lists, strict=True):
         header = SimpleNamespace(stamp=SimpleNamespace(sec=stamp // 10**9, nanosec=stamp % 10**9))
-        yield topic, stamp, SimpleNamespace(header=header, **dict(zip(columns, values, strict=True)))
+        message = SimpleNamespace(header=header)
+        for path, value in zip(paths, values, strict=True):
+            place = message
+            for name in path[:-1]:
+                place = place.__dict__.setdefault(name, SimpleNamespace())
+            place.__dict__[path[-1]] = value
+        yield topic, stamp, message
 
 
 class _Flow:

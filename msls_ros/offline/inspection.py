@@ -16,7 +16,7 @@ from msls_ros.inputs.field_paths import listed
 from msls_ros.inputs.findings import WRONG, Finding, ordered
 from msls_ros.inputs.inspection import check_topics, findings_of
 from msls_ros.inputs.series import UNDECODED, Collector, Record, Series, TopicTimes
-from msls_ros.offline.sources import EFFECTORS, STATE, InputTopics
+from msls_ros.offline.sources import EFFECTORS, STATE, InputTopics, counted_topics
 
 MOST = 150_000
 """Messages that are looked at."""
@@ -26,8 +26,8 @@ MOST = 150_000
 class Inspection:
     """What was found."""
 
-    topics: list[tuple[str, str, int]]
-    """Name, type and count, as far as the log's index gives it."""
+    topics: list[tuple[str, str, int | None]]
+    """Name, type and count; None where the log has no index that gives it."""
     findings: list[Finding]
     looked_at: int
     """Messages."""
@@ -69,8 +69,7 @@ def inspect(
     EstimationError
         If the map does not give what the configuration needs.
     """
-    counts = reader.summary.counts if reader.summary is not None else {}
-    topics = [(name, kind, counts.get(name, 0)) for name, kind in sorted(reader.topics.items())]
+    topics = counted_topics(reader, {})
     found: list[Finding] = []
     if isinstance(inputs, InputTopics):
         record, looked_at = _read_own(reader, inputs, configuration, progress)

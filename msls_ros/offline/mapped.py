@@ -12,7 +12,7 @@ from msls_ros.inputs import InputAdapter, InputMap, Refused, StateRow
 from msls_ros.offline.collection import no_collection
 from msls_ros.offline.inspection import why_undecoded
 from msls_ros.offline.recording import Input, Recording
-from msls_ros.offline.sources import ordered_batches
+from msls_ros.offline.sources import counted_topics, ordered_batches
 
 _OURS = "msls_msgs/msg/"
 _LONGEST_RUN = 500
@@ -72,9 +72,11 @@ def mapped_recording(
     adapter.check(reader.topics)
     own = reader.only(adapter.topics)
     found: list[Input] = []
+    read: Counter[str] = Counter()
     with no_collection():
         for batch in ordered_batches(own, list(adapter.topics), _LONGEST_RUN):
             for message in batch:
+                read[message.topic] += 1
                 try:
                     decoded = own.decode(message)
                 except BagError as error:
@@ -91,8 +93,7 @@ def mapped_recording(
                     else:
                         found.append(Input("effectors", row.stamp, Sample(row.stamp, row.names, row.delta, None), ""))
             progress(own.progress)
-    counts = reader.summary.counts if reader.summary is not None else {}
-    topics = [(name, kind, counts.get(name, 0)) for name, kind in sorted(reader.topics.items())]
+    topics = counted_topics(reader, read)
     warnings = [*own.warnings, *adapter.too_slow.values()]
     return Recording(
         prefix="/", inputs=found, messages={"model": []}, stride=1, topics=topics, diagnostics={},

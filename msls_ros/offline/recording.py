@@ -84,8 +84,8 @@ class Recording:
     """Of the other topics."""
     stride: int
     """Every which of the models is held."""
-    topics: list[tuple[str, str, int]]
-    """Name, type and count of all topics of the bag."""
+    topics: list[tuple[str, str, int | None]]
+    """Name, type and count of all topics of the bag; None where it has no index and what is there is not read."""
     diagnostics: dict[str, dict[str, str]]
     """The last values of each status in /diagnostics, by its name."""
     warnings: list[str] = field(default_factory=list)

@@ -7,7 +7,7 @@ written one after the other is read once for each and merged by log time, as a p
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -359,3 +359,10 @@ def _block_of(samples: list[PairedSample], held: list[Held]) -> PairedBlock:
         np.array([s.delta for s in samples]),
         held,
     )
+
+
+def counted_topics(reader: AnyReader, read: Mapping[str, int]) -> list[tuple[str, str, int | None]]:
+    """Return name, type and count of all topics of a log: by its index, or of those of which all was read, ``read``."""
+    known = reader.summary.counts if reader.summary is not None else None
+    counts = {name: read.get(name) if known is None else known.get(name, 0) for name in reader.topics}
+    return [(name, kind, counts[name]) for name, kind in sorted(reader.topics.items())]

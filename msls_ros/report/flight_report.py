@@ -231,7 +231,7 @@ class _Builder:
         if flight.settings:
             rows = [[s.name, s.value, s.unit, s.description] for s in flight.settings]
             body += page.folded(f"all {len(rows)} parameters", page.table(("name", "value", "unit", "meaning"), rows))
-        rows = [[name, kind, f"{count:,}"] for name, kind, count in flight.topics]
+        rows = [[name, kind, "not counted" if n is None else f"{n:,}"] for name, kind, n in flight.topics]
         body += page.folded(f"{len(rows)} topics", page.table(("topic", "type", "messages"), rows, numbers=(2,)))
         table = page.table(("program", "version"), list(flight.versions.items()))
         body += page.folded("versions on the machine that made this report", table)

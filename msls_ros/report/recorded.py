@@ -242,7 +242,7 @@ class Recorded:
     """Of the bag."""
     origin: str
     """What time 0 is, in words."""
-    topics: Sequence[tuple[str, str, int]]
+    topics: Sequence[tuple[str, str, int | None]]
     """Name, type and count."""
     warnings: Sequence[str] = ()
     missing: Sequence[str] = ()

@@ -17,6 +17,7 @@ from msls_ros.commands import recorder
 from msls_ros.commands import replay as command
 from msls_ros.inputs.profiles import read_profile
 from msls_ros.offline.replay import ReplayOptions, replay
+from msls_ros.offline.sources import counted_topics
 
 CUTS, FLIPS = 20, 50
 
@@ -117,6 +118,16 @@ def test_other_formats_flipped_or_cut_are_a_line_too(
         code, results, lines = run(capsys, damaged, tmp_path / "out")
         assert code == (0 if results[0].get("samples") else 2)
         assert len(lines) <= 2 and (code == 0 or lines), lines
+
+
+def test_what_a_log_without_an_index_does_not_count_is_not_said_to_be_none(
+    tmp_path: Path, flight: list[BagMessage]
+) -> None:
+    folder = write_ros2(tmp_path / "flight", flight, StoragePlugin.SQLITE3, CompressionMode.NONE)
+    topics = sorted({(message.topic, message.msgtype) for message in flight})
+    first = topics[0][0]
+    assert counted_topics(BagReader(folder), {first: 3}) == [(n, k, 3 if n == first else None) for n, k in topics]
+    assert counted_topics(BagReader(BAGS / "tail_fault"), {})[0][2] not in (None, 0)
 
 
 def with_stamp(message: BagMessage, stamp: int) -> BagMessage:

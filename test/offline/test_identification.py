@@ -113,6 +113,15 @@ def test_arrays_without_a_bank_are_identified_with_gravity_known(level: Flight) 
     assert not [f for f in result.findings if f.kind == "gravity"]
 
 
+def test_names_with_dots_are_fields_of_fields() -> None:
+    named: dict[str, Any] = {"header.frame": [1.0], "twist.linear": [[1.0, 2.0, 3.0]], "twist.angular": [[4.0, 5.0, 6.0]]}
+    ((topic, stamp, message),) = rows("/odom", [2.5], **named)
+    assert (topic, stamp, message.header.stamp.sec, message.header.frame) == ("/odom", 2_500_000_000, 2, 1.0)
+    assert message.twist.linear == [1.0, 2.0, 3.0] and message.twist.angular == [4.0, 5.0, 6.0]
+    with pytest.raises(EstimationError, match=r"twist\.linear of /odom is a part of twist, that is given whole"):
+        rows("/odom", [2.5], twist=[1.0], **named)
+
+
 def test_without_phi_it_is_said_how_to_add_it_and_not_only_how_to_switch_gravity_off(level: Flight) -> None:
     lines = {**LONGITUDINAL["inputs"], "states": {n: f"log {n}" for n in ("u", "w", "Q", "Theta")}}
     without = {**LONGITUDINAL, "states": ["u", "w", "Q", "Theta"], "inputs": lines}
