@@ -114,7 +114,11 @@ def test_arrays_without_a_bank_are_identified_with_gravity_known(level: Flight) 
 
 
 def test_names_with_dots_are_fields_of_fields() -> None:
-    named: dict[str, Any] = {"header.frame": [1.0], "twist.linear": [[1.0, 2.0, 3.0]], "twist.angular": [[4.0, 5.0, 6.0]]}
+    named: dict[str, Any] = {
+        "header.frame": [1.0],
+        "twist.linear": [[1.0, 2.0, 3.0]],
+        "twist.angular": [[4.0, 5.0, 6.0]],
+    }
     ((topic, stamp, message),) = rows("/odom", [2.5], **named)
     assert (topic, stamp, message.header.stamp.sec, message.header.frame) == ("/odom", 2_500_000_000, 2, 1.0)
     assert message.twist.linear == [1.0, 2.0, 3.0] and message.twist.angular == [4.0, 5.0, 6.0]
