@@ -10,9 +10,9 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
-from msls_ros.estimation.bank.detection import change_of, student_square
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.settings import bank_settings, independent_squares
+from msls_ros.estimation.bank.statistics import change_of, student_square
 from msls_ros.estimation.kernel import Array
 from msls_ros.inputs.derivatives import DerivativeFilter
 

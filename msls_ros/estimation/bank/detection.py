@@ -59,20 +59,26 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.allowances import (
+    find_shapes,
+    moved_square,
+    rounding_square,
+    take_motion,
+    timing_square,
+    uncertainty_of,
+    unknown_square,
+)
 from msls_ros.estimation.bank.answers import observe_answer
-from msls_ros.estimation.bank.attenuation import doubt
-from msls_ros.estimation.bank.delay import deflection_of
 from msls_ros.estimation.bank.drag import drag_square
-from msls_ros.estimation.bank.effector_noise import observe_entry, rounding_noise
-from msls_ros.estimation.bank.energy import FIRST, observe_novelty
+from msls_ros.estimation.bank.effector_noise import observe_entry
+from msls_ros.estimation.bank.energy import observe_novelty
 from msls_ros.estimation.bank.fed_noise import observe_followers
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import common_square
+from msls_ros.estimation.bank.statistics import change_of, mean_change_of, remember_mean, remember_square
+from msls_ros.estimation.bank.waiting import begins_to_move, wait_for_motion
 from msls_ros.estimation.compiled import compiled
-from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.kernel import Array, Integers
-from msls_ros.estimation.regressor_noise import OVERLAP
 
 LIKELY = 1.0 / 3.0
 """Share of the threshold that suffices for other rows where one has just alarmed: what noise reaches once in 1e3."""
@@ -87,26 +93,6 @@ SMOOTHED_PAIR = 0.6
 16 intact flights of 300 s in moderate air, none and low noise, seeds 904 to 907: 3 false alarms, 7 with .41. Faults of
 the F-16 seen, seeds 811 and 812: 22 of 36, not 23, half ailerons of four and of thirteen other aircraft as before.
 """
-RESOLUTION = 1e-10
-"""Square of the change that counts at least [(m/s^2)^2, (rad/s^2)^2]: of 1 micro-g, the best that a sensor resolves.
-
-A simulated aircraft in trim has no residual but that of arithmetic, which changes.
-"""
-UNKNOWN = 60.0
-"""Exponent beyond which a quantile of Student's t is as good as infinite: next to nothing is known of the variance."""
-BY_NOISE = 9.0
-"""Squared standard deviations of the noise in a deflection beyond which it is motion."""
-BEGINS = 6.25
-"""Squared deviations, over their mean in the last seconds, from which an effector may begin to move: one in 80 is."""
-MAY_BEGIN = 2.71
-"""The same from which it may begin within the noise of its record: one in ten is (those below had 3.6 to 5.8)."""
-WITHIN_NOISE = 2
-"""Samples for which the noise of its record may hide that an effector has begun to move: then it is out.
-
-Four aircraft in flight test, .05 deg of noise in their surfaces, 24 flights: 5 alarmed at first inputs without it.
-"""
-FURTHER = 4.0
-"""Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
 
 @compiled
@@ -257,276 +243,6 @@ def is_pair(s: BankSettings, statistic: Array) -> bool:
     for q in range(statistic.shape[0]):
         above += 1 if statistic[q] > share * s.threshold else 0
     return above > 1
-
-
-@compiled
-def uncertainty_of(R: Array, m: int, phi: Array, w: Array) -> float:
-    """Return ``d = phi' (R'R)^-1 phi`` of member m by substitution, ``R' w = phi``; (p, p, m), (p,), scratch (p,)."""
-    d = 0.0
-    for j in range(phi.shape[0]):
-        total = phi[j]
-        for k in range(j):
-            total -= R[k, j, m] * w[k]
-        w[j] = total / R[j, j, m]
-        d += w[j] * w[j]
-    return d
-
-
-@compiled
-def take_motion(s: BankSettings, x: BankState, phi: Array) -> None:
-    """Fill in ``x.moving`` (2, p): what effectors move now beyond noise, and how far phi (p,) is from their means."""
-    for i in range(s.effectors_from + 1, s.effectors_to + 1):
-        moves = x.quick[i] * x.quick[i] > noise_limit(s, x, i)
-        x.moving[0, i] = x.quick[i] if moves else 0.0
-        x.moving[1, i] = phi[i] - x.phi_mean[i]
-
-
-@compiled
-def find_shapes(s: BankSettings, x: BankState, g: int, axis: int, row: Array) -> None:
-    """Find ``x.shapes`` (2, axes): the error of what `take_motion` found together, over that of each by itself."""
-    m = s.reference[axis]
-    for k in range(2):
-        alone = 0.0
-        for i in range(s.effectors_from + 1, s.effectors_to + 1):
-            alone += x.moving[k, i] * x.moving[k, i] / x.info[g, i, m]
-        together = uncertainty_of(x.R[g], m, x.moving[k], row) if alone > 0.0 else 0.0
-        x.shapes[k, axis] = min(together / alone, 1.0) if alone > 0.0 else 1.0
-
-
-@compiled
-def unknown_square(s: BankSettings, x: BankState, q: int, phi: Array) -> float:
-    """Squared error that row q may have because regressors go further than those that its estimates are known by."""
-    total = 0.0
-    for i in range(1, phi.shape[0]):
-        deviation = phi[i] - x.phi_mean[i]
-        if deviation * deviation > max(FURTHER * x.phi_remembered[i], noise_limit(s, x, i)):
-            shape = x.shapes[1, s.row_axis[q]] if s.effectors_from < i <= s.effectors_to else 1.0
-            total += shape * deviation * deviation * x.square_moved[q, i] * doubt(s, x, i)
-    return total
-
-
-@compiled
-def noise_limit(s: BankSettings, x: BankState, i: int) -> float:
-    """Square that the noise in the deflections hardly ever makes of regressor i (constant first); 0 for states."""
-    if not s.effectors_from < i <= s.effectors_to:
-        return 0.0
-    return float(BY_NOISE * x.third_noise[i - s.effectors_from - 1])
-
-
-@compiled
-def rounding_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Squared error that row q may have by the rounding of the recorded deflections."""
-    total = 0.0
-    for j in range(x.quantum.shape[1]):
-        effect = x.mixed[q, s.effectors_from + 1 + j]
-        total += effect * effect * rounding_noise(s, x, j)
-    return total
-
-
-@compiled
-def timing_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Squared error that row q may have because it is not known when between two samples a deflection moved.
-
-    Of a step at any time of a sample that acts a part p of one late, all or nothing has acted, and p of it is reckoned
-    with: ``p (1-p)`` of its square, and as much more as p is not known. What a short memory has learnt from it shows in
-    the sample after it. Windows smooth steps.
-    """
-    if s.straddle > 0:
-        return 0.0
-    slot = x.samples[0] % x.recent.shape[0]
-    whole = int(x.delay[s.kind[q], 0])
-    part = x.delay[s.kind[q], 0] - whole
-    share = part * (1.0 - part) + min(x.delay[s.kind[q], 1] * s.late * s.late, 0.25)
-    total = 0.0
-    for j in range(x.recent.shape[1]):
-        i = s.effectors_from + 1 + j
-        step = deflection_of(s, x, slot - whole, 0.0, j) - deflection_of(s, x, slot - whole, 1.0, j)
-        if step * step > noise_limit(s, x, i):
-            total += x.mixed[q, i] * x.mixed[q, i] * step * step * share
-    return total
-
-
-@compiled
-def first_limit(s: BankSettings, x: BankState, i: int, share: float) -> float:
-    """Square from which a deflection goes further than in the last seconds: ``share`` of their mean square.
-
-    Against the noise alone one that a law has hardly moved yet would hide losses of others: half ailerons held in
-    flight test through windows, seed 851: 10 of 12 are seen, 4 with five standard deviations of the noise.
-    """
-    if not s.effectors_from < i <= s.effectors_to or x.quick_samples[0] <= 0.0:
-        return math.inf
-    return float(share * x.moment[i, i] / x.quick_samples[0])
-
-
-@compiled
-def begins_to_move(s: BankSettings, x: BankState) -> bool:
-    """Whether an effector that no output has answered yet may have begun to move: an alarm can wait for that."""
-    for j in range(x.answered.shape[0]):
-        i = s.effectors_from + 1 + j
-        if x.answered[j] == 0 and x.quick[i] * x.quick[i] > first_limit(s, x, i, BEGINS):
-            return True
-    return False
-
-
-@compiled
-def wait_for_motion(s: BankSettings, x: BankState, learning: bool, statistic: Array, alarm: Integers) -> bool:
-    """Hold alarms (r,) back while an effector may have begun to move; return whether they are raised now.
-
-    Whether one has shows in the next samples: then it goes on (``learning``), and what alarmed is learnt.
-    """
-    if x.waits[0] == 0:
-        if not may_begin_to_move(s, x):
-            return True
-        x.waits[0] = WITHIN_NOISE + 1
-        x.held_statistic[:] = 0.0
-    x.waits[0] = 0 if learning else x.waits[0] - 1
-    raised = x.waits[0] == 0 and not learning
-    for q in range(alarm.shape[0]):
-        if alarm[q] != 0:
-            x.held_statistic[q] = max(x.held_statistic[q], statistic[q])
-        alarm[q] = 1 if raised and x.held_statistic[q] > 0.0 else 0
-        if raised:
-            statistic[q] = max(statistic[q], x.held_statistic[q])
-    return bool(raised)
-
-
-@compiled
-def may_begin_to_move(s: BankSettings, x: BankState) -> bool:
-    """Whether an effector that no output has answered goes further than its noise does in nine of ten samples."""
-    for j in range(x.answered.shape[0]):
-        i = s.effectors_from + 1 + j
-        resting = x.answered[j] == 0 and x.third_noise[j] > 0.0
-        if resting and x.quick[i] * x.quick[i] > first_limit(s, x, i, MAY_BEGIN):
-            return True
-    return False
-
-
-@compiled
-def moved_square(s: BankSettings, x: BankState, q: int) -> float:
-    """Squared error that row q's standard errors allow the motion since they were made (`BankState.quick`)."""
-    total = 0.0
-    for i in range(1, x.quick.shape[0]):
-        now = x.quick[i] * x.quick[i]
-        if now > noise_limit(s, x, i):
-            square = x.square_moved[q, i]
-            if now > first_limit(s, x, i, FIRST):
-                square *= doubt(s, x, i)
-            if x.alert[0] > 0:
-                square = min(square, x.square_past[1, q, i])
-            if s.effectors_from < i <= s.effectors_to:
-                shares = min(common_square(x, q, i), square)
-                square = shares + x.shapes[0, s.row_axis[q]] * (square - shares)
-            total += now * square
-    return total
-
-
-@compiled
-def change_of(
-    s: BankSettings, x: BankState, q: int, surprise: float, moved: float, unknown: float, past: Array
-) -> float:
-    """Return the statistic of row q, armed, with the squared error of now and what the motion of now allows of it.
-
-    ``past`` (w,) is what it allowed in the samples before. The error of an estimate is the same in all samples of a
-    window, it does not average: its quantile is that of one.
-    """
-    size = x.ring.shape[1]
-    total = surprise
-    allowed = moved
-    taken = 1
-    largest = 0.0
-    usual = x.base[q, 2] / x.base[q, 1]
-    floor = s.floor * s.floor * x.remembered[q] + RESOLUTION
-    for i in range(s.windows.shape[0]):
-        while taken < s.windows[i]:
-            slot = (x.counted[q] - taken) % size
-            total += x.surprise[q, slot]
-            allowed += past[slot]
-            taken += 1
-        nominal = max(usual, allowed / s.windows[i]) + floor
-        limit = nominal * s.quantiles[q, i] + unknown * s.quantiles[q, 0]
-        if total > largest * limit * s.windows[i]:
-            largest = total / s.windows[i] / limit if limit > 0.0 else 0.0
-    return largest
-
-
-@compiled
-def mean_change_of(s: BankSettings, x: BankState, q: int, signed: float, moved: float, unknown: float) -> float:
-    """Return the statistic of the mean prediction errors of row q, armed and of a rate, with the one of now."""
-    size = x.ring.shape[1]
-    total = signed
-    allowed = moved
-    taken = 1
-    largest = 0.0
-    floor = s.floor * s.floor * x.remembered[q] + RESOLUTION
-    sums = x.mean_base[q]
-    for i in range(1, s.windows.shape[0]):
-        while taken < s.windows[i]:
-            slot = (x.counted[q] - taken) % size
-            total += x.signed[q, slot]
-            allowed += x.allowed[q, slot]
-            taken += 1
-        mean = total / s.windows[i]
-        free = OVERLAP * sums[0] * sums[0] / sums[1] / s.windows[i]
-        noise = student_square(s.quantiles[q, 0], free) * sums[i + 2] / sums[0]
-        model = s.quantiles[q, i] * (allowed / s.windows[i])
-        nominal = max(noise, model) + s.quantiles[q, i] * floor + s.quantiles[q, 0] * unknown
-        if mean * mean > largest * nominal:
-            largest = mean * mean / nominal if nominal > 0.0 else 0.0
-    return largest
-
-
-@compiled
-def student_square(square: float, free: float) -> float:
-    """Return the quantile of the square of Student's t where that of a normal variable is ``square`` (Wallace)."""
-    ratio = (8.0 * free + 3.0) / (8.0 * free + 1.0)
-    return free * (exponential(min(square * ratio * ratio / free, UNKNOWN)) - 1.0)
-
-
-@compiled
-def remember_mean(s: BankSettings, x: BankState, q: int, signed: float) -> None:
-    """Push a prediction error of a rate's row into its window; means that leave it enter the usual ones."""
-    size = x.ring.shape[1]
-    slot = x.counted[q] % size
-    sums = x.mean_base[q]
-    if x.counted[q] >= size:
-        sums[0] = s.mean_forgetting * sums[0] + 1.0
-        sums[1] = s.mean_forgetting * s.mean_forgetting * sums[1] + 1.0
-        for i in range(1, s.windows.shape[0]):
-            sums[i + 2] = s.mean_forgetting * sums[i + 2] + x.mean_square[q, i, slot]
-    x.signed[q, slot] = signed
-    total = signed
-    taken = 1
-    for i in range(1, s.windows.shape[0]):
-        while taken < s.windows[i]:
-            total += x.signed[q, (x.counted[q] - taken) % size]
-            taken += 1
-        mean = total / s.windows[i]
-        x.mean_square[q, i, slot] = mean * mean
-
-
-@compiled
-def remember_square(
-    s: BankSettings, x: BankState, q: int, square: float, smaller: float, surprise: float, moved: float
-) -> None:
-    """Push a squared error into row q's window, after the rest; what leaves it enters the nominal one."""
-    if x.counted[q] < 0:
-        x.counted[q] += 1
-        return
-    size = x.ring.shape[1]
-    slot = x.counted[q] % size
-    if slot == 0:
-        for i in range(x.square.shape[1]):
-            x.square_past[1, q, i] = x.square_past[0, q, i]
-            x.square_past[0, q, i] = x.square_moved[q, i]
-    if x.counted[q] >= size:
-        x.base[q, 0] = s.base * x.base[q, 0] + x.ring[q, slot]
-        x.base[q, 1] = s.base * x.base[q, 1] + 1.0
-        x.base[q, 2] = s.base * x.base[q, 2] + x.smaller[q, slot]
-    x.smaller[q, slot] = smaller
-    x.ring[q, slot] = square
-    x.surprise[q, slot] = surprise
-    x.allowed[q, slot] = moved
-    x.counted[q] += 1
 
 
 @compiled

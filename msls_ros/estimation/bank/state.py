@@ -285,7 +285,7 @@ class BankState(NamedTuple):
     white_median: Array
     """(c,) median square of these, edges and all."""
     timing: Array
-    """(r,) squared error by timing in the last sample, see `bank.detection.timing_square`."""
+    """(r,) squared error by timing in the last sample, see `bank.allowances.timing_square`."""
     white_errors: Array
     """(r, lags) the last prediction errors, without a window, a ring."""
     white_cross: Array
