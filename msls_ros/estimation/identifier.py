@@ -548,10 +548,12 @@ class Identifier:
         """Return the model as it stands at ``x`` (n,), with the events since the last call.
 
         What is known of physics is that there, and what goes with airspeed. At the sample that was held last it is
-        that at the last one learnt from.
+        that at the last one learnt from, with the difference between the two as an error.
         """
         c = self.configuration
-        model, best, forgetting = self._assembly.build(self._believed(np.ascontiguousarray(x, np.float64)))
+        x = np.ascontiguousarray(x, np.float64)
+        believed = self._believed(x)
+        model, best, forgetting = self._assembly.build(believed, None if believed is x else x)
         delay, delay_std = self._regression.delay
         return Estimate(
             time=time,

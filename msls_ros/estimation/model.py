@@ -155,6 +155,7 @@ def fill_bank_model(
     layout: Layout,
     x: Array,
     noise: Array,
+    away: Array,
     scratch: BankScratch,
     out: Model,
     best: Best,
@@ -172,6 +173,8 @@ def fill_bank_model(
         (n,) states at which the known terms are linearised.
     noise
         (r,) variance of the noise in the states, as regressors.
+    away
+        (r,) squares by which the states at ``x`` may be others.
     scratch
         See `BankScratch`.
     out, best
@@ -187,7 +190,9 @@ def fill_bank_model(
     ratio = seen_at(s, state, x, layout.kept, phi)
     for q in range(r):
         row = layout.kept[q]
-        out.residual_std[row] = bank_errors(s, state, q, noise, phi, ratio, scratch.products, scratch.bias, errors)
+        out.residual_std[row] = bank_errors(
+            s, state, q, noise, away, phi, ratio, scratch.products, scratch.bias, errors
+        )
         forgetting[row] = mean_forgetting(s, state, q)
         info = state.info[state.group[q]]
         for i in range(last + 1):
@@ -284,10 +289,12 @@ class Assembly:
         add_known(x, self._layout.known, self._layout.turning, a, bias)
         return a, bias
 
-    def build(self, x: Array) -> tuple[Model, Best, Array]:
+    def build(self, x: Array, seen: Array | None = None) -> tuple[Model, Best, Array]:
         """Return the model as it stands, its known part at ``x`` (n,); the best that was known; lambda per equation.
 
-        Lambda is (n,) [1], NaN where the equation is known. What the estimator does not have is read-only.
+        Lambda is (n,) [1], NaN where the equation is known. What the estimator does not have is read-only. ``seen``
+        (n,): the states as they were measured, if those are not believed yet; what is known of physics at ``x`` is off
+        by the difference, as the bank's errors say.
         """
         n, m, p = self._shape
         model = Model(
@@ -310,7 +317,10 @@ class Assembly:
             return model, self._nothing, self._forgetting
         best = Best(*[one.copy() for one in self._nothing])
         forgetting = self._forgetting.copy()
-        self._fill(r.settings, r.state, self._layout, x, r.noise, self._bank_scratch, model, best, forgetting)
+        away = r.smoothed
+        if seen is not None:
+            away = away + (seen - x)[self._layout.kept] ** 2
+        self._fill(r.settings, r.state, self._layout, x, r.noise, away, self._bank_scratch, model, best, forgetting)
         return model, best, forgetting
 
     def take_apart(

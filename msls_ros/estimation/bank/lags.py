@@ -44,6 +44,8 @@ MOMENTS = 0
 """Kind of the rows of angular rates; that of all others is 1."""
 KEEP = 4
 """Delays, and the best that is known, are looked for at every so manieth sample."""
+SLOWER = 5.0
+"""How many times as long the slow means of the regressors are as the quick ones, .5 s."""
 UNLIKE = 0.5
 """By how much delays may be unlike each other, over what they are plausibly [1]: 9 ms.
 
@@ -69,6 +71,7 @@ def observe_inputs(s: BankSettings, x: BankState, phi: Array) -> None:
     slot = x.samples[0] % x.quick_past.shape[0]
     for i in range(1, p):
         x.quick_mean[i] += start * (phi[i] - x.quick_mean[i])
+        x.slow_mean[i] += max(1.0 / (x.samples[0] + 1.0), s.quick / SLOWER) * (x.quick_mean[i] - x.slow_mean[i])
         x.quick[i] = phi[i] - x.quick_mean[i]
         for k in range(1, i + 1):
             x.moment[i, k] = fade * x.moment[i, k] + x.quick[i] * x.quick[k]

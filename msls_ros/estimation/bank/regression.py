@@ -194,6 +194,21 @@ class BankRegression:
         return back * s.period, share * s.late * s.period
 
     @property
+    def smoothed(self) -> Array:
+        """(r,) squares by which the states may differ from what the window that made them has left of them.
+
+        A mean over a window of length T is off by no more than where something begins within it, by what it has moved
+        from half a window before: half of ``x(t) - 2 x(t - T/2) + x(t - T)`` is taken for the standard deviation.
+        Without windows nothing. [square of the state]
+        """
+        s, ring, now = self.settings, self.state.last_phi, self.samples
+        half, rows = min((s.straddle + 1) // 2, (len(ring) - 1) // 2), self.theta.shape[0]
+        if s.straddle == 0 or now <= 2 * half:
+            return np.zeros(rows)
+        one, two, three = (ring[(now - 1 - k * half) % len(ring), 1 : rows + 1] for k in range(3))
+        return np.asarray((0.5 * (one - 2.0 * two + three)) ** 2)
+
+    @property
     def lag(self) -> float:
         """Of the deflections, that was found: their time constant, 0 for none [s]."""
         return float(self.settings.lag_times[self.settings.responses[self.state.response[0], 0]])
@@ -218,7 +233,9 @@ class BankRegression:
         """Standard errors of a row's estimates, (p,), and the standard deviation of its residual."""
         p = self.theta.shape[1]
         errors, s, x = np.empty(p), self.settings, self.state
-        residual = bank_errors(s, x, row, self.noise, x.seen, ratio_of(x), self._work.e, self._work.w, errors)
+        residual = bank_errors(
+            s, x, row, self.noise, self.smoothed, x.seen, ratio_of(x), self._work.e, self._work.w, errors
+        )
         return errors, residual
 
     def age(self, row: int) -> int:

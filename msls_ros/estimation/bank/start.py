@@ -92,6 +92,7 @@ def _detection(s: BankSettings, rows: int) -> dict[str, Any]:
         counted=np.zeros(rows, np.int64),
         base=np.zeros((rows, 3)),
         e=np.zeros(rows),
+        squares=np.zeros((rows, len(s.forgetting))),
         residual=np.zeros((rows, 2)),
         colour=np.zeros((rows, 2)),
     )
@@ -113,6 +114,7 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         quick_past=np.zeros((s.late, effectors)),
         quick_late=np.zeros(effectors),
         quick_mean=np.zeros(p),
+        slow_mean=np.zeros(p),
         quick_samples=np.zeros(1),
         moment=np.zeros((p, p)),
         quick_moment=np.zeros((effectors, p)),

@@ -110,6 +110,8 @@ class BankState(NamedTuple):
     """(r, 3) weighted sums of older squared errors, of the weights, and of the smaller squared errors."""
     e: Array
     """(r,) last normalised prediction errors of the mixture; NaN: none."""
+    squares: Array
+    """(r, m) sums of every member's squared normalised prediction errors, see `bank.residual`."""
     residual: Array
     """(r, 2) weighted sums: the members' normalised squared errors one step ahead, their weights."""
     colour: Array
@@ -124,6 +126,8 @@ class BankState(NamedTuple):
     """(l, c) the effectors of these over the last samples, a ring."""
     quick_late: Array
     """(c,) the oldest of them."""
+    slow_mean: Array
+    """(p,) means of those over half a second."""
     quick_mean: Array
     """(p,) that mean."""
     quick_samples: Array

@@ -433,6 +433,7 @@ def bank_errors(
     x: BankState,
     q: int,
     noise: Array,
+    away: Array,
     phi: Array,
     ratio: float,
     products: Array,
@@ -449,6 +450,8 @@ def bank_errors(
         Identified row.
     noise
         (r,) variance of the noise in the states, as regressors.
+    away
+        (r,) squares by which the states that the estimates are wanted at may be others.
     phi, ratio
         (p,) regressors, constant first, and ratio of speeds where the estimates are wanted, see `bank.speed.seen_at`.
     products, bias
@@ -483,7 +486,7 @@ def bank_errors(
         square *= power * power
         if source > 0:
             own = part / power_of(s, source, ratio_of(x))
-            square += own * own * measured_noise(s, x, source - 1, noise[source - 1])
+            square += own * own * (measured_noise(s, x, source - 1, noise[source - 1]) + away[source - 1])
         slope = slope_by_speed(s, phi, i, ratio)
         if i == 0 and s.scaled:
             square += sum_square
