@@ -20,6 +20,8 @@ _LARGE = 0.8
 """Deflections beyond this are no surface's, or no radians [rad]."""
 _COLLINEAR = 0.9995
 """R2 of an effector on the others from which they are one."""
+_TOGETHER = 0.98
+"""R2 of an effector on the others from which it is noted by how little it moves alone."""
 _CLIPPED = 0.02
 """Share of samples at the end of the range from which it is called saturated."""
 _REST, _STEPS = 3, 0.8
@@ -144,6 +146,7 @@ def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
         return
     names = list(moving)
     values = np.concatenate([grid[1][name] for name in names], axis=1)
+    count = len(values)
     triangle: Any = np.linalg.qr(values - values.mean(axis=0), mode="r")
     values = triangle  # few rows, of which all products are the same
     gone: set[str] = set()
@@ -158,18 +161,29 @@ def _collinear(moving: dict[str, Series]) -> Iterator[Finding]:
                 mend = f"map one of the two, or move them apart; {first} then stands for both"
                 yield Finding(WRONG, "collinear", f"inputs.{_EFFECTORS}{names[j]}", what, mend)
     free = [k for k, name in enumerate(names) if name not in gone]
+    nearest: tuple[float, str, str] | None = None
     for k in free:
         rest = [j for j in free if j != k]
-        if len(rest) < 2 or not float(values[:, k] @ values[:, k]):
+        power = float(values[:, k] @ values[:, k])
+        if not rest or not power:
             continue
         weights, *_ = np.linalg.lstsq(values[:, rest], values[:, k], rcond=None)
         left = values[:, k] - values[:, rest] @ weights
-        if float(left @ left) < (1.0 - _COLLINEAR) * float(values[:, k] @ values[:, k]):
-            terms = " ".join(f"{w:+.2g} {names[j]}" for w, j in zip(weights, rest, strict=True) if abs(w) > 0.05)
+        share = float(left @ left) / power
+        terms = " ".join(f"{w:+.2g} {names[j]}" for w, j in zip(weights, rest, strict=True) if abs(w) > 0.05)
+        if len(rest) > 1 and share < 1.0 - _COLLINEAR:
             what = f"{names[k]} = {terms} always: a control law moves them together, they cannot be separated"
             mend = "inject dither or other excitation on each, or leave one out"
             yield Finding(DOUBTFUL, "dependent", f"inputs.{_EFFECTORS}{names[k]}", what, mend)
             return
+        alone = np.sqrt(float(left @ left) / count)
+        if share < 1.0 - _TOGETHER and alone < _QUIET and (nearest is None or share < nearest[0]):
+            what = f"{names[k]} = {terms} but for {np.degrees(alone):.2g} deg rms"
+            nearest = share, f"inputs.{_EFFECTORS}{names[k]}", what
+    if nearest is not None:
+        _, where, what = nearest
+        what += ": what each does alone, and its loss, is known by that motion, if it is more than noise of the sensor"
+        yield Finding(NOTE, "together", where, what)
 
 
 def check_sizes(record: Record, reference_speed: float) -> Iterator[Finding]:

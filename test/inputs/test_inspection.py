@@ -278,3 +278,17 @@ def test_a_law_that_moves_surfaces_together_is_of_the_flight() -> None:
     found = [f for f in look({}, mixed) if "cannot be separated" in f.what]
     assert [(f.level, f.kind) for f in found] == [(DOUBTFUL, "dependent")]
     assert found[0].kind in OF_THE_FLIGHT
+
+
+def test_surfaces_that_move_together_but_for_little_are_noted() -> None:
+    def nearly(message: Message) -> Message:
+        changed = mixed(message)
+        if message[1] == "/joint_states":
+            changed[3]["position"][changed[3]["name"].index("rudder")] += math.radians(0.05) * math.sin(
+                message[0] * 1e-3
+            )
+        return changed
+
+    (found,) = [f for f in look({}, nearly) if f.kind == "together"]
+    assert found.level == NOTE and re.search(r"= .* but for 0\.0\d+ deg rms: .*its loss", found.what), found.what
+    assert not [f for f in look({}) if f.kind == "together"]
