@@ -13,7 +13,7 @@ from msls_ros.estimation.bank.effector_noise import rounding_noise
 from msls_ros.estimation.bank.energy import FIRST
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import HIDDEN, common_square
+from msls_ros.estimation.bank.uncertainty import common_square
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
@@ -90,7 +90,7 @@ def hidden_square(s: BankSettings, x: BankState, q: int) -> float:
         moved = x.quick_mean[i] - x.slow_mean[i]
         beyond = moved * moved - BY_NOISE * x.white_noise[i - 1] * s.quick / (2.0 - s.quick)
         if beyond > 0.0:
-            total += beyond * x.square_moved[q, i] * min(x.widened[q, i] - 1.0, HIDDEN)
+            total += beyond * x.square_hidden[q, i]
     usual = x.base[q, 2] / x.base[q, 1] if x.base[q, 1] > 0.0 else 0.0
     return float(min(total, usual))
 

@@ -388,6 +388,7 @@ def restart_row(x: BankState, q: int) -> None:
         x.square_lately[0, q, i] = 0.0
         x.square_lately[1, q, i] = 0.0
         x.square_moved[q, i] = math.inf
+        x.square_hidden[q, i] = 0.0
         x.square_past[0, q, i] = math.inf
         x.square_past[1, q, i] = math.inf
         x.origin[q, i] = x.mixed[q, i]

@@ -88,6 +88,7 @@ def _detection(s: BankSettings, rows: int) -> dict[str, Any]:
         mean_base=np.zeros((rows, 2 + len(s.windows))),
         smaller=np.zeros((rows, w)),
         square_moved=np.zeros((rows, p)),
+        square_hidden=np.zeros((rows, p)),
         square_past=np.zeros((2, rows, p)),
         counted=np.zeros(rows, np.int64),
         base=np.zeros((rows, 3)),
@@ -318,6 +319,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.best_square[:] = math.inf
     x.square[:] = math.inf
     x.square_moved[:] = math.inf
+    x.square_hidden[:] = 0.0
     x.square_past[:] = math.inf
     x.counted[:] = -s.rest
     clear_factors(s, x, 0)

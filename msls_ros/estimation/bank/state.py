@@ -100,6 +100,8 @@ class BankState(NamedTuple):
     """(r, 2 + l) sums of the weights of older ones, of the weights' squares, and weighted sums of them."""
     smaller: Array
     """(r, w) that smaller one itself."""
+    square_hidden: Array
+    """(r, p) what noise in the regressors adds to those, see `bank.allowances.hidden_square`."""
     square_moved: Array
     """(r, p) squared standard errors without the bias by noise in the states, which mispredicts nothing."""
     square_past: Array

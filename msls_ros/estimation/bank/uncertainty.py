@@ -387,6 +387,8 @@ def keep_best(
             if s.effectors_from < i <= s.effectors_to:
                 moved *= min(x.widened[q, i], HIDDEN) if s.straddle == 0 else 1.0
         x.square_moved[q, i] = min(moved, carried)
+        hidden = min(x.widened[q, i] - 1.0, HIDDEN) if begun else 0.0
+        x.square_hidden[q, i] = hidden * x.square_moved[q, i] if x.square_moved[q, i] < math.inf else 0.0
     if not begun:
         for i in range(squares.shape[0]):
             x.correction[q, i] = 0.0
