@@ -83,7 +83,7 @@ def hidden_square(s: BankSettings, x: BankState, q: int) -> float:
     10 with rates differentiated, nearly all at the first input of an axis; none with this, and as many losses are
     seen, 25 and 21 of 32. Six other aircraft (216 flights, seeds 1 and 2): 3 false alarms, 6 without, 81 losses are
     seen, not 84. Without the usual error as a limit half ailerons in flight test were seen late (seeds 851 and 852: 15
-    and 17 of 24 within half a second; with it 20 and 23, without all of this 23 and 23).
+    and 17 of 24 within half a second; with it 19 and 23, without all of this 23 and 23).
     """
     total = 0.0
     for i in range(1, s.effectors_from + 1):
