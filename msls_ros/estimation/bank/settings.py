@@ -457,7 +457,12 @@ def _window(straddle: int) -> tuple[Array, Array]:
     if straddle == 0:
         return np.ones(1), np.ones(1)
     raw = [0.0, *((i + 1.0) * (straddle - i) for i in range(straddle)), 0.0]
-    return np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)]), np.diff(raw)
+    values = np.array([0.5 * (raw[i] + raw[i + 1]) for i in range(straddle + 1)])
+    for i in range(straddle if straddle > 1 else 0):
+        for sample in (i, i + 1):
+            middle = min(max(sample, 1), straddle - 1)
+            values[middle - 1 : middle + 2] -= raw[i + 1] / 24.0 * np.array([1.0, -2.0, 1.0])
+    return values, np.diff(raw)
 
 
 def _window_noise(straddle: int) -> tuple[float, float, float, float, float]:
