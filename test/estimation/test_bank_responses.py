@@ -15,6 +15,8 @@ from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.bank.responses import turns_round
 from msls_ros.estimation.bank.rows import begin_anew, reach_of, split_bank
+from msls_ros.inputs import differentiated
+from msls_ros.inputs.servo_lag import followed
 
 DAMPING = np.array([6.0, 3.0, 2.0])
 """Of the rates [1/s]."""
@@ -30,12 +32,13 @@ def fly(
     gusts: float = 0.0,
     measured: bool = False,
     behind: int = 0,
+    late: float = 0.0,
 ) -> tuple[BankRegression, list[Estimate]]:
     """Identify from commands that a servo takes along ``lag`` and ``delay`` [s] late.
 
     ``noise`` is that of the outputs [rad/s^2]. With ``gusts`` nothing is commanded but what a law answers to them; with
     ``measured`` the deflections are recorded, with noise, and not the commands. ``behind``: the record of deflections
-    is so many samples late.
+    is so many samples late, or ``late`` [s].
     """
     n = round(seconds / STEP)
     every = round(1.0 / (rate * STEP))
@@ -55,12 +58,13 @@ def fly(
         xdot[k] = EFFECTS @ act[k] - DAMPING * x[k] + air
         if k + 1 < n:
             x[k + 1] = x[k] + STEP * xdot[k]
-        late = command[max(k - back, 0)]
-        act[k + 1] = act[k] + (STEP / lag if lag > STEP else 1.0) * (late - act[k])
+        acts = command[max(k - back, 0)]
+        act[k + 1] = act[k] + (STEP / lag if lag > STEP else 1.0) * (acts - act[k])
     taken = slice(0, n, every)
     identifier = Identifier(from_mapping({**SMALL, "sample_rate": float(rate)}))
     time, read = STEP * np.arange(n, dtype=np.float64)[taken], xdot[taken]
-    delta = act[:n][taken] + 0.001 * uniform(len(read), 2, 95) if measured else command[taken]
+    recorded = act[np.maximum(np.arange(n) - round(late / STEP), 0)]
+    delta = recorded[taken] + 0.001 * uniform(len(read), 2, 95) if measured else command[taken]
     if behind > 0:
         delta = np.concatenate([np.repeat(delta[:1], behind, axis=0), delta[:-behind]])
     estimates = identifier.run(time, x[taken], read + noise * uniform(len(read), 3, 94), delta).estimates
@@ -194,7 +198,63 @@ def test_deflections_that_are_recorded_late_cost_nothing_but_their_delay(rate: i
     assert not any(v.kind == EventKind.DETECTED for e in estimates for v in e.events if e.time > found)
 
 
+def test_what_is_not_decided_widens_bars_by_what_it_would_change() -> None:
+    """Records 2 ms late at 100 Hz: there is evidence for half a minute, never decisive, and it changes next to nothing.
+
+    By the evidence alone bars were .3 and more of an effect, and a loss of half of it was not seen.
+    """
+    engine, estimates = fly(0.05, 0.0, rate=100, measured=True, late=0.002)
+    main = EFFECTS != 0.0
+    assert engine.state.response[0] == 0 and max(engine.state.response_evidence) > 5.0
+    last = estimates[-1]
+    assert (last.b_std[main] < 0.15 * np.abs(EFFECTS[main])).all() and last.b_reliable[main].all()
+    assert (np.abs(last.b - EFFECTS) <= 1.96 * last.b_std).all()
+    assert abs(last.delay + 0.002) < 1.96 * last.delay_std < 0.01, "nor is a delay of nothing known to a millisecond"
+
+
 def test_what_a_law_answers_gusts_with_is_no_evidence() -> None:
     """It follows them, as a response to a lag would: a lag explains twice as much of them, and that is little."""
     engine, _ = fly(0.05, 0.0, gusts=30.0, measured=True)
     assert engine.state.response[0] == 0
+
+
+def behind_a_servo(rate: int, seed: int) -> Estimate:
+    """Of a roll axis whose servo of second order, 55 ms in all, is declared as a lag of that: commands through it."""
+    step, corner = 0.0025, 1.6 / 0.055
+    random = np.random.default_rng(seed)
+    n = round(60.0 / step)
+    pulses = [(3.0 + 6.0 * k + random.uniform(0.0, 2.0), random.uniform(0.03, 0.08)) for k in range(9)]
+    roll = angle = surface = speed = wanted = sent = 0.0
+    rolls, commands = np.zeros(n), np.zeros(n)
+    for k in range(n):
+        time = k * step
+        if k % 4000 == 0:
+            wanted = random.uniform(-0.6, 0.6)
+        if k % 8 == 0:
+            asked = np.clip(3.0 * (wanted - angle), -1.0, 1.0)
+            doublet = sum(size * ((begin <= time < begin + 0.4) - (begin + 0.4 <= time < begin + 0.8)) for begin, size in pulses)
+            sent = 0.11 * asked + 0.04 * (asked - roll) + doublet
+        rolls[k], commands[k] = roll, sent
+        speed += step * (corner * corner * (sent - surface) - 1.6 * corner * speed)
+        before, surface = surface, surface + step * speed
+        kept = np.exp(-17.0 * step)
+        later = kept * roll + (1.0 - kept) / 17.0 * 180.0 * 0.5 * (before + surface)
+        angle += 0.5 * step * (roll + later)
+        roll = later
+    apart = round(1.0 / (rate * step))
+    made = followed(np.rint(np.arange(n) * step * 1e9).astype(np.int64), commands, 0.055, 10**9)[::apart, None]
+    measured = rolls[::apart, None] + 0.004 * random.normal(size=(len(made), 1))
+    names = {"states": ("P",), "effectors": ("da",), "reference_speed": 17.0, "known_gravity": False}
+    configuration = from_mapping({**names, "sample_rate": float(rate)})
+    window = differentiated(configuration, np.arange(len(made)) / rate, measured, None, made)
+    return Identifier(configuration, window.straddle).run(*window[:4]).estimates[-1]
+
+
+@pytest.mark.parametrize("rate", [25, 50])
+def test_what_a_declared_servo_leaves_of_delay_says_that_it_may_be_another(rate: int) -> None:
+    """Of 180 come 250 to 300 (1.4 to 1.6 of it), and 20 ms are found to be left: the bars were .04 to .06 of that."""
+    for seed in range(3):
+        last = behind_a_servo(rate, seed)
+        assert 0.014 < last.delay < 0.026
+        assert last.b[0, 0] > 1.2 * 180.0, "or this proves nothing"
+        assert abs(last.b[0, 0] - 180.0) < 1.96 * last.b_std[0, 0] < 0.75 * last.b[0, 0]

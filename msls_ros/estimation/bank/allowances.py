@@ -33,6 +33,25 @@ def take_motion(s: BankSettings, x: BankState, phi: Array) -> None:
 
 
 @compiled
+def observe_states(s: BankSettings, x: BankState) -> None:
+    """Fill in ``x.state_motion`` (4, p): how far states move beyond noise now, squared, and the most of it before.
+
+    In the stretch that runs, in the last one, and in all before: stretches are as long as what is new is learnt.
+    """
+    turn = x.samples[0] % s.learning == 0
+    motion = x.state_motion
+    for i in range(1, s.effectors_from + 1):
+        moved = x.quick_mean[i] - x.slow_mean[i]
+        beyond = moved * moved - BY_NOISE * x.white_noise[i - 1] * s.quick / (2.0 - s.quick)
+        if turn:
+            motion[3, i] = max(motion[2, i], motion[3, i])
+            motion[2, i] = motion[1, i]
+            motion[1, i] = 0.0
+        motion[0, i] = max(beyond, 0.0)
+        motion[1, i] = max(motion[0, i], motion[1, i])
+
+
+@compiled
 def find_shapes(s: BankSettings, x: BankState, g: int, axis: int, row: Array) -> None:
     """Find ``x.shapes`` (2, axes): the error of what `take_motion` found together, over that of each by itself."""
     m = s.reference[axis]
@@ -87,9 +106,8 @@ def hidden_square(s: BankSettings, x: BankState, q: int) -> float:
     """
     total = 0.0
     for i in range(1, s.effectors_from + 1):
-        moved = x.quick_mean[i] - x.slow_mean[i]
-        beyond = moved * moved - BY_NOISE * x.white_noise[i - 1] * s.quick / (2.0 - s.quick)
-        if beyond > 0.0:
+        beyond = x.state_motion[0, i]
+        if beyond > FURTHER * x.state_motion[3, i]:
             total += beyond * x.square_hidden[q, i]
     usual = x.base[q, 2] / x.base[q, 1] if x.base[q, 1] > 0.0 else 0.0
     return float(min(total, usual))

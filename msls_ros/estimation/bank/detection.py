@@ -62,6 +62,7 @@ import math
 from msls_ros.estimation.bank.allowances import (
     find_shapes,
     moved_square,
+    observe_states,
     rounding_square,
     take_motion,
     timing_square,
@@ -124,6 +125,7 @@ def sense_bank(
     axial = 0.0
     predictors = x.predictors[x.samples[0] % x.predictors.shape[0]]
     take_motion(s, x, phi)
+    observe_states(s, x)
     for q in range(y.shape[0]):
         keep_predictors(x, q)
         e[q] = prediction_error(x.mixed[q], phi, y[q])

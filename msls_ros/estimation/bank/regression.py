@@ -22,6 +22,7 @@ from msls_ros.estimation.bank.uncertainty import bank_errors, factor_covariance,
 from msls_ros.estimation.bank.work import make_bank_work
 from msls_ros.estimation.compiled import Bound
 from msls_ros.estimation.configuration import Configuration
+from msls_ros.estimation.elementary import exponential
 from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
 from msls_ros.estimation.kernel import Array, Integers
@@ -187,11 +188,20 @@ class BankRegression:
 
     @property
     def delay(self) -> tuple[float, float]:
-        """Of responses after deflections, that was found and taken out, and its standard error [s]."""
+        """Of responses after deflections, that was found and taken out, and its standard error [s].
+
+        With what another response that is likelier, but not decisively, would make of it.
+        """
         s, x = self.settings, self.state
         share = s.late_part if x.delay[MOMENTS, 1] == 0.0 else math.sqrt(x.delay[MOMENTS, 1])
         back = float(x.delay[MOMENTS, 0]) + float(s.responses[x.response[0], 1] * s.late)
-        return back * s.period, share * s.late * s.period
+        best = int(np.argmax(x.response_evidence))
+        lead, other = float(x.response_evidence[best]), s.responses[best]
+        apart = float((other[1] + x.response_part[best]) * s.late) * s.period + float(s.lag_times[other[0]])
+        apart -= back * s.period + self.lag
+        doubt = 0.0 if lead <= 0.0 else (1.0 - exponential(-lead)) * apart
+        own = share * s.late * s.period
+        return back * s.period, math.sqrt(own * own + doubt * doubt)
 
     @property
     def smoothed(self) -> Array:

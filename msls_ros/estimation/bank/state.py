@@ -128,6 +128,8 @@ class BankState(NamedTuple):
     """(l, c) the effectors of these over the last samples, a ring."""
     quick_late: Array
     """(c,) the oldest of them."""
+    state_motion: Array
+    """(4, p) squares by which states move beyond noise, see `bank.allowances.observe_states`."""
     slow_mean: Array
     """(p,) means of those over half a second."""
     quick_mean: Array
@@ -176,7 +178,7 @@ class BankState(NamedTuple):
     response_evidence: Array
     """(a,) for each response instead of that of now."""
     response_doubt: Array
-    """(1,) share of an effect that it may be off by where another response has evidence [1]."""
+    """(r,) share of an effect that it may be off by where another response has evidence [1]."""
     response_steps: Array
     """(c, p) scratch, as the next two."""
     response_squares: Array

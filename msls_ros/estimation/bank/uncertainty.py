@@ -306,7 +306,7 @@ def common_square(x: BankState, q: int, i: int) -> float:
 @compiled
 def common_part(x: BankState, q: int) -> float:
     """Relative error of row q's estimates that no averaging removes, and what is not known of actuators [1]."""
-    return float(max(SYSTEMATIC * autocorrelation(x, q), x.response_doubt[0]))
+    return float(max(SYSTEMATIC * autocorrelation(x, q), x.response_doubt[q]))
 
 
 @compiled
