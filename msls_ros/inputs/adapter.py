@@ -15,7 +15,8 @@ differentiated    any                 a window of samples; then all else passes 
 ================  ==================  =============================================================================
 
 What cannot be used is counted by reason: `not_finite`, `stamp_repeated`, `stamp_back`, `field_missing`, `stale`, `gap`,
-`spike`, `repeated` (see `pacing`), `stamp_rogue` and `time_returned` (see `timeline`).
+`spike`, `repeated` (see `pacing`), `stamp_rogue` and `time_returned` (see `timeline`). Counted with it, though all else
+of the sample is used: `velocity_jump` (see `velocity_jumps`).
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ from msls_ros.inputs.servo_lag import ServoLag
 from msls_ros.inputs.slow_topics import SlowTopics
 from msls_ros.inputs.synchronizer import PairedSample, Synchronizer
 from msls_ros.inputs.timeline import Refused, Timeline
+from msls_ros.inputs.velocity_jumps import JumpFilter, Settled, velocities_made
 
 _ANGLES = ("Phi", "Theta", "Psi")
 _VELOCITY = ("u", "v", "w")
@@ -157,6 +159,8 @@ class InputAdapter:
         differentiated."""
         self._columns = 2 * n + m + 3
         self._filter = DerivativeFilter(intervals, self._columns, inputs.maximum_age) if differentiated else None
+        made = velocities_made((name, self.methods[name] == "differentiated") for name in self._states)
+        self._jumps = JumpFilter(made, reference_speed, inputs.maximum_age)
         velocity = [name in _VELOCITY for name in self._states]
         self._spikes = SpikeFilter(
             spike_settings(
@@ -333,6 +337,7 @@ class InputAdapter:
         self._servos = {i: ServoLag(s.servo, s.track.age) for i, s in enumerate(self._streams) if s.servo > 0.0}
         self._aligner.clear()
         self._spikes.clear()
+        self._jumps.clear()
         self._held = self._last_used = self._newest = 0
         if self._filter is not None:
             self._filter.clear()
@@ -404,6 +409,7 @@ class InputAdapter:
             intervals = min(usual_intervals(1.0 / self._pacer.period), intervals)
             longest = max(longest, round(GAP * 1e9 * self._pacer.period))
         self._filter = DerivativeFilter(intervals, self._columns, longest)
+        self._jumps.begin(longest)
 
     def _unwrapped(self, key: str, angle: float) -> float:
         self._continued[key] = angle = frames.continued(angle, self._continued.get(key, angle))
@@ -417,19 +423,30 @@ class InputAdapter:
         if self._filter is None:  # the identifier looks for spikes itself
             yield from self._made(t, np.array(row), None, [at.get(f"d{name}", 0.0) for name in _RATES])
             return
-        rows = self._spikes.push(t, np.array(row))
-        self._held, self._newest = 0 if rows else self._held + 1, t
-        self._last_used = rows[-1][0] if rows else self._last_used
+        settled = self._spikes.push(t, np.array(row))
         for stamp in self._spikes.dropped:
             name = self._names[self._spikes.furthest]
             self._refuse(Refused("spike", f"{name} at {stamp * 1e-9:.3f} s jumps, and is back at {t * 1e-9:.3f} s"))
-        for stamp, one in rows:
-            yield from self._filtered(self._filter, stamp, one)
+        rows = [one for stamp, used in settled for one in self._jumped(stamp, used)]
+        self._held, self._newest = 0 if rows else self._held + 1, t
+        self._last_used = rows[-1].stamp if rows else self._last_used
+        for one in rows:
+            yield from self._filtered(self._filter, *one)
 
-    def _filtered(self, window: DerivativeFilter, t: int, row: Array) -> Iterator[Row]:
+    def _jumped(self, t: int, row: Array) -> list[Settled]:
+        """Return the rows to use now that it is known whether a velocity has jumped, see `JumpFilter`."""
+        rows = self._jumps.push(t, row)
+        if self._jumps.found is not None:
+            stamp, which, size = self._jumps.found
+            text = f"{self._names[which]} at {stamp * 1e-9:.3f} s jumps by {size:.3g} m/s without a force"
+            text += f", the largest {self._jumps.largest:.3g} m/s: left out of the derivatives of velocities"
+            self._refuse(Refused("velocity_jump", text))
+        return rows
+
+    def _filtered(self, window: DerivativeFilter, t: int, row: Array, jump: Array | None) -> Iterator[Row]:
         """Make the rows of the window that an instant completes."""
         gaps = window.gaps
-        filtered = window.push(t, row)
+        filtered = window.push(t, row, jump)
         if window.gaps > gaps:
             text = f"more than {self.inputs.maximum_age * 1e-9:g} s between samples before {t * 1e-9:.3f} s"
             self._refuse(Refused("gap", f"{text}: the window of the derivatives starts anew"))

@@ -1,8 +1,9 @@
 """Complete arrays of which some derivatives are not measured: the window of the flight, for a library's user.
 
-What `adapter.InputAdapter` does with messages is done here with arrays: spikes are dropped first, then states,
-deflections and measured derivatives are smoothed by the window in which the other derivatives are made, so that
-``xdot = A x + B delta`` stays true between them (see `derivatives`). Over how many intervals that was the identifier
+What `adapter.InputAdapter` does with messages is done here with arrays: spikes are dropped first, and velocities that
+jump without a force are found (`velocity_jumps`); then states, deflections and measured derivatives are smoothed by the
+window in which the other derivatives are made, so that ``xdot = A x + B delta`` stays true between them (see
+`derivatives`). Over how many intervals that was the identifier
 must know (`Identifier`'s ``straddle``).
 """
 
@@ -20,6 +21,7 @@ from msls_ros.estimation.samples import check_samples
 from msls_ros.estimation.screening import GAP
 from msls_ros.estimation.spikes import SpikeFilter, spike_settings
 from msls_ros.inputs.derivatives import DerivativeFilter, usual_intervals
+from msls_ros.inputs.velocity_jumps import JumpFilter, velocities_made
 
 LONGEST_GAP = 0.1
 """Samples further apart [s] are not of one window, nor those further apart than `GAP` periods."""
@@ -36,6 +38,10 @@ class Windowed(NamedTuple):
     """(k, n), (k, n), (k, m): means over the window."""
     straddle: int
     """Intervals of the window, for `Identifier`; 0: all derivatives were measured, and nothing is changed."""
+    jumps: int = 0
+    """Jumps of velocities that were left out of their derivatives, see `velocity_jumps`."""
+    largest_jump: float = 0.0
+    """Largest of them [m/s]."""
 
 
 def differentiated(
@@ -83,11 +89,13 @@ def differentiated(
     period = max(float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0, 1.0 / c.sample_rate)
     intervals, longest = intervals or usual_intervals(1.0 / period), max(LONGEST_GAP, GAP * period)
     window, spikes = DerivativeFilter(intervals, 2 * n + m, round(1e9 * longest)), _spikes(c, longest)
+    methods = zip(c.states, made.tolist(), strict=True)
+    leaps = JumpFilter(velocities_made(methods), c.reference_speed, round(1e9 * longest))
     whole = np.hstack([_continued(c, measured.x), measured.delta, measured.xdot])
     rows = []
     for stamp, row in zip(np.rint(1e9 * stamps).astype(np.int64).tolist(), whole, strict=True):
-        for settled, one in spikes.push(stamp, row):
-            filtered = window.push(settled, one)
+        for settled in (one for used in spikes.push(stamp, row) for one in leaps.push(*used)):
+            filtered = window.push(*settled)
             if filtered is not None:
                 derivative = np.where(made, filtered.slope[:n], filtered.smooth[n + m :])
                 rows.append((filtered.stamp * 1e-9, filtered.smooth[:n], derivative, filtered.smooth[n : n + m]))
@@ -98,7 +106,7 @@ def differentiated(
         message += "too few for the window of the derivatives"
         raise EstimationError(message)
     columns = [np.array(column) for column in zip(*rows, strict=True)]
-    return Windowed(columns[0], columns[1], columns[2], columns[3], intervals)
+    return Windowed(columns[0], columns[1], columns[2], columns[3], intervals, leaps.count, leaps.largest)
 
 
 def _checked(c: Configuration, time: Any, x: Any, xdot: Any, delta: Any) -> tuple[Windowed, NDArray[np.bool_]]:

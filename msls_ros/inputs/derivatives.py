@@ -19,6 +19,8 @@ was called reliable in B .86 was right in ten flights of a foam aircraft, now .9
 The weights are a parabola, ``w_i ~ (i+1)(n-i)`` for n intervals: on an even clock the slope is then the Savitzky-Golay
 derivative (least-squares quadratic over n+1 points), of all filters of that length the one with the least noise.
 
+What a number has jumped by without moving (see `velocity_jumps`) is left out of the slope; smooth keeps it.
+
 A window of so many intervals is shorter where samples come faster, and its slopes are noisier: the noise of a sensor in
 them goes with its length to the power of -3/2. So its length is a time unless it is set (`usual_intervals`).
 
@@ -98,7 +100,7 @@ class DerivativeFilter:
         """Start empty; see the class."""
         self._weights = interval_weights(intervals)
         self._longest_gap = longest_gap
-        self._values = np.zeros((intervals + 1, columns))
+        self._values, self._jumps = np.zeros((2, intervals + 1, columns))
         self._times = np.zeros(intervals + 1)
         self._stamps: list[int] = []
         self.gaps = 0
@@ -111,7 +113,7 @@ class DerivativeFilter:
         """Empty the window; the count stays."""
         self._stamps.clear()
 
-    def push(self, stamp: int, values: Array) -> Filtered | None:
+    def push(self, stamp: int, values: Array, jump: Array | None = None) -> Filtered | None:
         """Take a sample.
 
         Parameters
@@ -120,6 +122,8 @@ class DerivativeFilter:
             Later than the one before [ns].
         values
             (c,).
+        jump
+            (c,) what of their change since the sample before is no motion; None: nothing.
 
         Returns
         -------
@@ -133,25 +137,27 @@ class DerivativeFilter:
         if len(stamps) == len(self._times):
             del stamps[0]
             self._values[:-1] = self._values[1:]
+            self._jumps[:-1] = self._jumps[1:]
         self._values[len(stamps)] = values
+        self._jumps[len(stamps)] = 0.0 if jump is None else jump
         stamps.append(stamp)
         if len(stamps) < len(self._times):
             return None
         for i, later in enumerate(stamps):
             self._times[i] = (later - stamps[0]) * 1e-9
         smooth, slope = np.empty_like(values), np.empty_like(values)
-        middle = weigh(self._times, self._values, self._weights, smooth, slope)
+        middle = weigh(self._times, self._values, self._jumps, self._weights, smooth, slope)
         return Filtered(stamps[0] + round(middle * 1e9), smooth, slope)
 
 
 @compiled
-def weigh(times: Array, values: Array, weights: Array, smooth: Array, slope: Array) -> float:
+def weigh(times: Array, values: Array, jumps: Array, weights: Array, smooth: Array, slope: Array) -> float:
     """Fill smooth and slope, return the weighted mean time [s]; see the module.
 
     Parameters
     ----------
-    times, values, weights
-        (n+1,) [s], (n+1, c), (n,).
+    times, values, jumps, weights
+        (n+1,) [s], (n+1, c), (n+1, c) by how much each jumps in the interval before it, (n,).
     smooth, slope
         (c,), out.
     """
@@ -166,8 +172,9 @@ def weigh(times: Array, values: Array, weights: Array, smooth: Array, slope: Arr
             earlier, later = later, second_derivative(times, values, j, i + 1)
             step = times[i + 1] - times[i]
             inside = 0.5 * (values[i, j] + values[i + 1, j]) - step * step / 24.0 * (earlier + later)
+            change = values[i + 1, j] - values[i, j] - jumps[i + 1, j]
             mean += weights[i] * inside
-            rise += weights[i] * ((values[i + 1, j] - values[i, j]) / step)
+            rise += weights[i] * (change / step)
         smooth[j] = mean
         slope[j] = rise
     return middle

@@ -213,10 +213,11 @@ def test_a_gap_empties_the_window_and_is_counted() -> None:
 def test_compiled_and_interpreted_kernels_give_the_same_bits(seed: int) -> None:
     rng = np.random.default_rng(seed)
     times, values, weights = np.cumsum(rng.uniform(0.005, 0.015, 9)), rng.normal(size=(9, 25)), interval_weights(8)
+    jumps = rng.normal(size=(9, 25))
     results = []
     for kernel in (weigh, getattr(weigh, "py_func", weigh)):
         smooth, slope = np.empty(25), np.empty(25)
-        results.append((kernel(times, values, weights, smooth, slope), smooth.tobytes(), slope.tobytes()))
+        results.append((kernel(times, values, jumps, weights, smooth, slope), smooth.tobytes(), slope.tobytes()))
     assert results[0] == results[1]
     interpreted = getattr(arctangent, "py_func", arctangent)
     assert all(arctangent(y, x) == interpreted(y, x) for y, x in rng.normal(size=(2000, 2)).tolist())
