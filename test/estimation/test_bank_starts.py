@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
+from msls_ros.estimation.bank.allowances import hidden_square, observe_states
+from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.kernel import Array
 
 RATE = 50
@@ -115,3 +117,22 @@ def test_one_of_the_elevons_that_a_law_moves_together_is_missed() -> None:
     for seed in range(6):
         assert [round(time) for time in alarms(rolls(seed, lost=True))][:1] == [round(LOST)], seed
         assert alarms(rolls(seed, lost=False)) == [], seed
+
+
+def test_what_noise_has_hidden_of_a_state_excuses_errors_as_long_as_its_motion_is_new() -> None:
+    """In turbulence, and at 25 Hz, losses were not seen, or late, where it excused them in all flight."""
+    names = {"states": ("w", "Q"), "effectors": ("de",), "known_gravity": False, "sample_rate": float(RATE)}
+    engine = Identifier(from_mapping(names))._regression
+    assert isinstance(engine, BankRegression)
+    s, x = engine.settings, engine.state
+    x.square_hidden[0, 1] = 1.0
+    x.base[0, 1:] = 1.0, 100.0
+    excused = []
+    for k in range(6 * s.learning):
+        x.samples[0] = k
+        x.quick_mean[1] = 2.0 if k < 4 * s.learning else 5.0
+        observe_states(s, x)
+        excused.append(float(hidden_square(s, x, 0)))
+    assert excused[: 2 * s.learning] == [4.0] * (2 * s.learning), "while it may be learnt"
+    assert not any(excused[2 * s.learning : 4 * s.learning]), "it is known now, or never will be"
+    assert excused[4 * s.learning] == 25.0, "twice as far as ever is new"
