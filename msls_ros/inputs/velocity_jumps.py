@@ -33,11 +33,17 @@ import numpy as np
 from msls_ros.estimation.kernel import Array
 
 FURTHER = 7.0
-"""By how many of its root mean squares of late an m is a jump."""
+"""By how many of its root mean squares of late an m is a jump.
+
+Of Gaussian white noise in samples that is 8.5, of white increments 6.2 standard deviations of the increments. With 6 of
+these, 1.5 of `BEYOND` and 1 of `SHARE` gusts of 2 m/s on a small aircraft were taken for jumps, 8 in 54,000 samples and
+10 in 53,000 whose stamps are up to 4 ms off; with these 0 in 67,000 of ten of these flights.
+"""
 BEYOND = 2.0
 """And by how many of the largest of late."""
 SHARE = 1.5
-"""And by which share of the larger increment beside it; stamps that are wrong by so much make no jump."""
+"""And by how many of the larger increment beside it: a stamp of 50 Hz that is 4 ms off makes an increment half as much
+again."""
 ALIKE = 0.5
 """How far the two increments beside a jump differ at most, over m."""
 LEAST = 0.003
@@ -64,7 +70,7 @@ class Settled(NamedTuple):
 
 
 class _Usual:
-    """What the m of one number are like [unit/s^1 of an increment]."""
+    """What the m of one number are like [m/s^2]."""
 
     def __init__(self) -> None:
         """Know nothing; see the class."""
