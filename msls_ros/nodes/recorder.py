@@ -109,6 +109,8 @@ class RecorderNode(Node):
         for source, kind in sources:
             plain_stamp = _begins_with_stamp(kind, source)
             self._record(source.topic, kind, best_effort(QUALITY.depth), None if plain_stamp else source)
+        count = len(self._writer.counts)
+        self.get_logger().info(f"recording {count} topics to '{p['out']}'")
         self.create_timer(0.5, self._writer.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _identifier_parameters(self, inputs: InputMap | None) -> str:
@@ -184,6 +186,8 @@ class RecorderNode(Node):
         """Close the bag, then the node."""
         try:
             self._writer.close()
+            refused = f", {self.refused.total()} refused" if self.refused else ""
+            self.get_logger().info(f"{self.counts.total()} messages written to '{self._writer.path}'{refused}")
         finally:
             super().destroy_node()
 

@@ -178,3 +178,16 @@ def test_a_bag_that_is_replaced_does_not_keep_the_parameters_of_the_old_one(benc
     bench.remove(made(bench, RecorderNode, config_folder() / "c172x.yaml", "-p", f"out:={tmp_path / 'bag'}"))
     bench.remove(bench.add(RecorderNode, out=str(tmp_path / "bag"), overwrite=True))
     assert not (tmp_path / "bag/identifier.yaml").exists()
+
+
+def test_a_recorder_says_where_it_writes_how_many_topics_and_at_the_end_how_many_messages(
+    bench: Bench, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    recorder = bench.add(RecorderNode, out=str(tmp_path / "bag"), topics=["state", "model"])
+    for _ in range(2):
+        bench.publish("model", LinearModel())
+    bench.spin_until(lambda: recorder.counts["model"] == 2, "the messages in the bag")
+    bench.remove(recorder)
+    said = "".join(capfd.readouterr())
+    assert f"recording 2 topics to '{tmp_path / 'bag'}'" in said
+    assert f"2 messages written to '{tmp_path / 'bag'}'" in said
