@@ -22,7 +22,7 @@ from msls_ros.offline.inspection import MOST, Inspection, inspect
 from msls_ros.offline.mapped import is_own, mapped_recording
 from msls_ros.offline.opening import Chosen, chosen_parameters
 from msls_ros.offline.recompute import Recomputed, fitting, recompute
-from msls_ros.offline.recording import Recording, Stamped, longest_stretch, record_of
+from msls_ros.offline.recording import Recording, Stamped, longest_stretch, record_of, spans_of
 from msls_ros.offline.replay import kept_parameters
 from msls_ros.offline.report_series import (
     dither_of,
@@ -148,10 +148,16 @@ class _Gathering:
         computed = self._recompute(progress)
         streams = self._streams(computed)
         main = next((name for name in ("model", "computed model", "state") if streams.get(name)), "state")
+        spans = spans_of(streams[main])
         streams, stretches = longest_stretch(streams, main)
         if stretches > 1:
+            shown = streams[main][0][0], streams[main][-1][0]
+            spans.remove(shown)
+            others = ", ".join(f"{begin * 1e-9:.2f} to {end * 1e-9:.2f} s" for begin, end in spans)
             self.warnings.append(
-                f"time jumps back in this bag: of its {stretches} stretches the longest is shown; counts are of all"
+                f"time jumps back in this bag: of its {stretches} stretches the longest is shown, "
+                f"{shown[0] * 1e-9:.2f} to {shown[1] * 1e-9:.2f} s as stamped; counts are of all. Not shown: {others}; "
+                "there is no option that shows them; record each run in a bag of its own"
             )
         stamps = [stream[0][0] for stream in streams.values() if stream]
         first = min(stamps, default=0)
