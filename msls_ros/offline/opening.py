@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msls_ros.bags import AnyReader, BagError
@@ -64,5 +65,19 @@ def chosen_parameters(reader: AnyReader, params: str | None, namespace: str | No
 
 def _of_file(reader: AnyReader, file: Path, source: str, namespace: str | None) -> Chosen:
     configuration, warm_start = read_profile(file), read_warm_start(file)
-    inputs = read_inputs(file) or find_topics(reader.path, reader.topics, namespace)
-    return Chosen(configuration, inputs, source, file, warm_start)
+    inputs = read_inputs(file)
+    if inputs is None:
+        found = find_topics(reader.path, reader.topics, namespace)
+        return Chosen(configuration, found, source, file, warm_start)
+    return Chosen(configuration, _resolved(inputs, reader.topics, namespace), source, file, warm_start)
+
+
+def _resolved(inputs: InputMap, topics: Iterable[str], namespace: str | None) -> InputMap:
+    """Return a map with relative names of topics in the namespace, as the node resolves them; those of logs stay."""
+    prefix = "/".join(["", *filter(None, (namespace or "").split("/")), ""])
+    moved = {
+        alias: source if source.topic in topics else replace(source, topic=prefix + source.topic)
+        for alias, source in inputs.topics.items()
+        if source.topic[:1] not in ("/", "~")
+    }
+    return replace(inputs, topics={**inputs.topics, **moved})
