@@ -35,7 +35,9 @@ FLUSH_INTERVAL_S = 0.5
 _STAMP_LIMIT = 1 << 63
 LAST_STAMP = _STAMP_LIMIT - 1
 """The largest log time that a bag can hold [ns]."""
-_OF_A_BAG = re.compile(r"^metadata\.yaml(\.tmp)?$|^identifier\.yaml$|\.(mcap|db3)(\.zstd|-wal|-shm)?$")
+_OF_A_BAG = re.compile(
+    r"^metadata\.yaml(\.tmp)?$|^(identifier|warm_start_model)\.yaml$|\.(mcap|db3)(\.zstd|-wal|-shm)?$"
+)
 
 
 class BagWriter:

@@ -214,6 +214,7 @@ def _replay(job: Job) -> dict[str, Any]:
         held=arguments.memory << 20,
         inputs=chosen.inputs if isinstance(chosen.inputs, InputMap) else None,
         parameters=chosen.parameters,
+        warm_start=chosen.warm_start,
     )
     size = _megabytes(bag)
     start = time.monotonic()

@@ -50,6 +50,12 @@ _ANGLES = ("Phi", "Theta", "Psi")
 _VELOCITY = ("u", "v", "w")
 _RATES = ("P", "Q", "R")
 
+TICKS = (
+    "stamp=arrival is read from the node's clock, which under use_sim_time moves in ticks of /clock: publish /clock "
+    "faster than this topic, or give stamp=PATH"
+)
+"""What to do about arrivals at the same time."""
+
 
 class StateRow(NamedTuple):
     """Arguments of `Synchronizer.add_state`."""
@@ -270,7 +276,8 @@ class InputAdapter:
         try:
             passed = self._timeline.take(f"topic {topic}", source.instant(stamp_ns, message), (topic, message))
         except Refused as refused:
-            self._refuse(refused)
+            told = source.stamp is None and refused.reason == "stamp_repeated"
+            self._refuse(Refused(refused.reason, f"{refused}. {TICKS}") if told else refused)
             return []
         except EstimationError as error:
             text = f"topic {topic} ({source.msgtype}): {error}"

@@ -23,6 +23,9 @@ _SHORT = 0.7
 _MEASURED = 0.75
 """Share of the messages that measure a number, below which the others are of note."""
 _EFFECTORS = "effectors."
+_SELDOM = 1e-3
+"""Of the messages: fewer that cannot be used are the link's doing or the sensor's, not the map's."""
+_OF_THE_LINK = ("not_finite", "field_missing", "names")
 _ARRIVAL = "stamp=arrival, or stamp=PATH of a number that counts s, ms, us or ns"
 
 
@@ -34,6 +37,9 @@ def check_fields(record: Record) -> Iterator[Finding]:
                 continue
             whole = where not in record.series and where.removeprefix("topics.") not in _filled(record)
             level = WRONG if whole or reason == "field" else DOUBTFUL
+            if level == DOUBTFUL and reason in _OF_THE_LINK and count < _SELDOM * _messages(record, where):
+                yield Finding(NOTE, reason, f"inputs.{where}", f"{text} (in {count} messages, that are refused)", "")
+                continue
             what, change = f"{text} ({'in every message' if whole else f'in {count} messages'})", _mend_of(reason)
             if reason == UNDECODED:
                 total = len(record.topics[where.removeprefix("topics.")].stamps) + sum(n for n, _ in reasons.values())
@@ -44,6 +50,14 @@ def check_fields(record: Record) -> Iterator[Finding]:
         if not len(record.topics[alias].stamps) and f"topics.{alias}" not in record.failures:
             what = f"topic {topic.topic} has no message in this log"
             yield Finding(WRONG, "empty", f"inputs.topics.{alias}", what, "map another topic, or record this one")
+
+
+def _messages(record: Record, where: str) -> int:
+    """Return how many good messages of a stream or a topic there are."""
+    if where in record.series:
+        return len(record.series[where].stamps)
+    topic = record.topics.get(where.removeprefix("topics."))
+    return 0 if topic is None else len(topic.stamps)
 
 
 def _filled(record: Record) -> set[str]:

@@ -63,12 +63,14 @@ class RateWatch:
 
     def __init__(self, nominal: float) -> None:
         """Begin; see the class."""
-        self._nominal = nominal
+        self._nominal = self._configured = nominal
+        self._slowest = ""
         self._stamps: deque[int] = deque()
         self._told = False
 
-    def expect(self, nominal: float) -> None:
-        """Hold what comes against another rate from now on [Hz]."""
+    def expect(self, nominal: float, slowest: str = "") -> None:
+        """Hold what comes against another rate from now on [Hz]: that of ``slowest``, a topic that sets the pace."""
+        self._slowest = slowest
         if abs(nominal / self._nominal - 1.0) > 0.5 * TOLERANCE:
             self._nominal = nominal
             self.clear()
@@ -103,7 +105,11 @@ class RateWatch:
     @property
     def sentence(self) -> str:
         """Say so."""
-        return f"samples come at {self.measured:.4g} Hz, sample_rate is {self._nominal:g} Hz: set it to what comes"
+        found = f"samples come at {self.measured:.4g} Hz, sample_rate is {self._configured:g} Hz"
+        if self._slowest:
+            pace = f"they follow {self._slowest}, the slowest topic, which came at {self._nominal:.4g} Hz"
+            return f"{found}: {pace}; publish it faster, or set sample_rate to what comes"
+        return f"{found}: set it to what comes"
 
     def take(self, stamp: int) -> bool:
         """Take the stamp of a sample [ns]; return whether a deviation is to be told of now: once until it is over."""

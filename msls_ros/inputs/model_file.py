@@ -107,6 +107,28 @@ def read_model(path: Path) -> SavedModel:
     return SavedModel(states, effectors, regressors, a, b, bias, covariance, x, delta)
 
 
+def start_if_there(identifier: Identifier, path: Path | None) -> list[str]:
+    """Start an identifier of a recorded flight from the model that the flight began with.
+
+    Returns
+    -------
+    list
+        One sentence where the file is not there any more, and the identifier begins with nothing; otherwise none.
+
+    Raises
+    ------
+    EstimationError
+        As `start_from`, of a file that is there.
+    """
+    if path is None:
+        return []
+    if not path.is_file():
+        cold = "begins with nothing learnt, not with the model of the flight"
+        return [f"warm_start: the model '{path}' is not there: the identifier {cold}"]
+    start_from(identifier, path)
+    return []
+
+
 def start_from(identifier: Identifier, path: Path) -> None:
     """Start an identifier from a model on disk.
 

@@ -34,6 +34,8 @@ OTHER = (
 
 BESIDE_A_BAG = "identifier.yaml"
 """Name of the file, in a bag's folder, of the identifier's parameters in that flight."""
+MODEL_BESIDE = "warm_start_model.yaml"
+"""Name of the file beside it of the model that the flight began with, where there was one."""
 RENAMED = {"f16_high_alpha": "f16", "f16_cruise": "f16", "A4_25hz": "A4", "c172x_25hz": "c172x"}
 """Shipped profiles as they were called while each condition and rate had one of its own."""
 
@@ -123,6 +125,43 @@ def read_inputs(name: str | os.PathLike[str]) -> InputMap | None:
     except EstimationError as error:
         message = f"parameter file '{path}': {error}"
         raise EstimationError(message) from error
+
+
+def read_warm_start(name: str | os.PathLike[str]) -> Path | None:
+    """Return the saved model that the identifier of a parameter file starts from, there or not; None: it has none.
+
+    Beside parameters that were kept with a bag it is the copy that was kept with them: the file that they name may hold
+    the model of a later flight by now.
+
+    Parameters
+    ----------
+    name
+        As `read_profile` takes it.
+
+    Raises
+    ------
+    EstimationError
+        As `read_profile`.
+    """
+    path, section = _load(name)
+    model = warm_start_of(section, f"parameter file '{path}'")
+    beside = path.with_name(MODEL_BESIDE)
+    return beside if model is not None and path.name == BESIDE_A_BAG and beside.is_file() else model
+
+
+def warm_start_of(section: Mapping[str, Any], name: str) -> Path | None:
+    """Take ``warm_start`` of parameters as they stand below ``ros__parameters``.
+
+    Raises
+    ------
+    EstimationError
+        If it is no text.
+    """
+    found = section.get("warm_start", "")
+    if not isinstance(found, str):
+        message = f"{name}: warm_start is {found!r}; expected the path of a file that ~/save_model has written"
+        raise EstimationError(message)
+    return Path(found) if found else None
 
 
 def read_parameters(text: str, name: str) -> tuple[Configuration, InputMap | None]:
@@ -245,9 +284,24 @@ def matches_node(path: str | os.PathLike[str], node: str) -> bool:
     return False
 
 
-def render_parameters(configuration: Configuration, inputs: Mapping[str, Any], title: str) -> str:
-    """Write a configuration, and the entries of the section ``inputs`` by their dotted names, as a parameter file."""
+def render_parameters(
+    configuration: Configuration, inputs: Mapping[str, Any], title: str, warm_start: Path | None = None
+) -> str:
+    """Write a configuration, and the entries of the section ``inputs`` by their dotted names, as a parameter file.
+
+    Parameters
+    ----------
+    configuration, inputs
+        What to write.
+    title
+        First lines of the file, without ``#``.
+    warm_start
+        The saved model that the identifier starts from; None: there is none.
+    """
     text = render_profile(configuration, title)
+    if warm_start is not None:
+        entry = yaml.safe_dump({"warm_start": str(warm_start)}, width=1000, allow_unicode=True)
+        text += "\n" + textwrap.indent(entry, "    ")
     nested: dict[str, Any] = {}
     for name, value in inputs.items():
         *groups, leaf = name.split(".", 1)

@@ -39,3 +39,25 @@ def awaited(node: Node, topic: str, subscription: Subscription, count: int) -> s
         count = len(publishers) - len(wrong)
         return f"{name}: {count} publisher{'' if count == 1 else 's'}, no message yet"
     return f"{name}: {', '.join(wrong) or 'no publisher'}"
+
+
+def elsewhere(node: Node, name: str, expected: str) -> str:
+    """Name the namespaces in which a topic of the same last word and type has publishers; empty: none has.
+
+    Parameters
+    ----------
+    node
+        Who listens.
+    name
+        Of the topic that has no publisher, in full.
+    expected
+        Its type.
+    """
+    leaf = name.rpartition("/")[2]
+    found = [
+        topic.rpartition("/")[0]
+        for topic, kinds in node.get_topic_names_and_types()
+        if topic != name and topic.rpartition("/")[2] == leaf and expected in kinds and node.count_publishers(topic)
+    ]
+    meant = [namespace or "/" for namespace in sorted(found) if not namespace.endswith("/truth")]
+    return f" (did you mean --namespace {' or '.join(meant)}?)" if meant else ""

@@ -129,7 +129,7 @@ class Pace:
             self._slowest = slowest
             text = f"{slowest} comes at {rate:.4g} Hz: so do samples" if slowest else ""
             self._logger.info(text or "samples come with the clock again")
-        self.rate.expect(rate or self._nominal)
+        self.rate.expect(rate or self._nominal, slowest)
         self.losses.expect(rate or self._nominal)
 
     def take(self, stamp: int, steady: int) -> None:

@@ -11,6 +11,7 @@ from collections import Counter
 from copy import copy
 from functools import partial
 from pathlib import Path
+from shutil import copyfile
 from typing import Any
 
 from msls_msgs.msg import (
@@ -33,7 +34,7 @@ from msls_ros.bags.writer import LAST_STAMP
 from msls_ros.estimation import EstimationError, from_mapping
 from msls_ros.inputs import InputMap, Refused
 from msls_ros.inputs.input_map import TopicInput
-from msls_ros.inputs.profiles import BESIDE_A_BAG, OTHER, render_parameters
+from msls_ros.inputs.profiles import BESIDE_A_BAG, MODEL_BESIDE, OTHER, render_parameters, warm_start_of
 from msls_ros.nodes.inputs import PREFIX, declare_inputs
 from msls_ros.nodes.message_types import message_class, type_of
 from msls_ros.nodes.parameters import configuration_table, declare_table, fixed, plain, warn_of_unknown
@@ -100,7 +101,7 @@ class RecorderNode(Node):
         self.refused = self._refusals.counts
         """Messages refused, by reason."""
         if kept:
-            (Path(p["out"]) / BESIDE_A_BAG).write_text(kept, encoding="utf-8")
+            self._keep_beside(Path(p["out"]), kept)
         mapped = {self.resolve_topic_name(source.topic) for source, _ in sources}
         for topic in p["topics"]:
             if not (mapped and topic in INPUTS) and self.resolve_topic_name(topic) not in mapped:
@@ -108,21 +109,41 @@ class RecorderNode(Node):
         for source, kind in sources:
             plain_stamp = _begins_with_stamp(kind, source)
             self._record(source.topic, kind, best_effort(QUALITY.depth), None if plain_stamp else source)
+        count = len(self._writer.counts)
+        self.get_logger().info(f"recording {count} topics to '{p['out']}'")
         self.create_timer(0.5, self._writer.flush, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
     def _identifier_parameters(self, inputs: InputMap | None) -> str:
         """Return the text of the identifier's parameters that were given, topics by their names in the bag."""
         given = {name: plain(p) for name, p in self._parameter_overrides.items()}
         own = {name: value for name, value in given.items() if name in configuration_table()}
-        if not own and inputs is None:
+        model = self._warm_start()
+        if not own and inputs is None and model is None:
             return ""
         entries = {name[len(PREFIX) :]: value for name, value in given.items() if name.startswith(PREFIX)}
         for alias, source in inputs.topics.items() if inputs is not None else ():
             name = f"topics.{alias}"
             entries[name] = entries[name].replace(source.topic, self.resolve_topic_name(source.topic), 1)
         return render_parameters(
-            from_mapping(own), entries, "The identifier's parameters, as the recorder was given them."
+            from_mapping(own), entries, "The identifier's parameters, as the recorder was given them.", model
         )
+
+    def _warm_start(self) -> Path | None:
+        """Return the saved model that the identifier starts from, wherever `replay` runs; None: there is none."""
+        given = {name: plain(p) for name, p in self._parameter_overrides.items()}
+        model = warm_start_of(given, "the recorder")
+        return None if model is None else model.absolute()
+
+    def _keep_beside(self, bag: Path, parameters: str) -> None:
+        """Write the identifier's parameters into the bag's folder, with a copy of the model that it starts from."""
+        (bag / BESIDE_A_BAG).write_text(parameters, encoding="utf-8")
+        model = self._warm_start()
+        try:
+            if model is not None:
+                copyfile(model, bag / MODEL_BESIDE)
+        except OSError as error:
+            text = f"warm_start: the model '{model}' cannot be kept beside the bag: {error.strerror}"
+            self.get_logger().warning(text)
 
     def _record(self, topic: str, kind: Any, quality: QoSProfile, source: TopicInput | None = None) -> None:
         """Subscribe to a topic; stamps are those at the beginning of the messages, or where a source says."""
@@ -165,6 +186,8 @@ class RecorderNode(Node):
         """Close the bag, then the node."""
         try:
             self._writer.close()
+            refused = f", {self.refused.total()} refused" if self.refused else ""
+            self.get_logger().info(f"{self.counts.total()} messages written to '{self._writer.path}'{refused}")
         finally:
             super().destroy_node()
 

@@ -16,6 +16,9 @@ from msls_ros.nodes.quality import LEAST, publish, reliable
 TIME_JUMP = 1_000_000_000
 """A step back in time larger than this is a new beginning [ns]; a smaller one is refused."""
 
+RECENT = 10_000_000_000
+"""For so long after a refusal /diagnostics warns of it [ns of the node's clock]."""
+
 
 class StampGate:
     """Refuse stamps of one stream that repeat or go back a little.
@@ -86,6 +89,24 @@ class Health(NamedTuple):
     values: Mapping[str, object]
 
 
+class Recent:
+    """Whether a count has grown not long ago."""
+
+    def __init__(self) -> None:
+        """Begin at nothing."""
+        self._count = 0
+        self._until: int | None = None
+
+    def grew(self, count: int, now: int) -> bool:
+        """Take a count; return whether it has grown within `RECENT` before ``now`` [ns], which may jump back."""
+        if count > self._count:
+            self._until = now + RECENT
+        self._count = count
+        if self._until is not None and not self._until - RECENT <= now < self._until:
+            self._until = None
+        return self._until is not None
+
+
 class Diagnostics:
     """Publish a node's health on /diagnostics once a second of the wall clock.
 
@@ -94,14 +115,14 @@ class Diagnostics:
     node
         Whose health it is.
     health
-        Asked at each publication; the refusals are added to what it says.
+        Asked at each publication; the refusals are added to what it says, as a warning while the last is recent.
     refused
         Counts by reason.
     """
 
     def __init__(self, node: Node, health: Callable[[], Health], refused: Mapping[str, int]) -> None:
         """Make publisher and timer; see the class."""
-        self._node, self._health, self._refused = node, health, refused
+        self._node, self._health, self._refused, self._recent = node, health, refused, Recent()
         self._publisher = publish(node, DiagnosticArray, "/diagnostics", reliable(LEAST))
         self._timer = node.create_timer(1.0, self._publish, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
@@ -113,12 +134,18 @@ class Diagnostics:
     def _publish(self) -> None:
         level, message, values = self._health()
         total = sum(self._refused.values())
-        if total and level == DiagnosticStatus.OK:
-            level, message = DiagnosticStatus.WARN, f"{message}; {total} messages refused"
-        counts = {**values, **{f"refused: {reason}": count for reason, count in sorted(self._refused.items())}}
+        now = self._node.get_clock().now()
+        if self._recent.grew(total, now.nanoseconds) and level == DiagnosticStatus.OK:
+            what = f"{total} messages refused, the last of them less than {RECENT * 1e-9:g} s ago"
+            level, message = DiagnosticStatus.WARN, f"{message}; {what}"
+        counts = {
+            **values,
+            "messages refused": total,
+            **{f"refused: {reason}": count for reason, count in sorted(self._refused.items())},
+        }
         name = self._node.get_fully_qualified_name()
         status = DiagnosticStatus(level=level, name=f"{name}: messages", message=message, hardware_id="msls_ros")
         status.values = [KeyValue(key=key, value=str(value)) for key, value in counts.items()]
         array = DiagnosticArray(status=[status])
-        array.header.stamp = self._node.get_clock().now().to_msg()
+        array.header.stamp = now.to_msg()
         self._publisher.publish(array)

@@ -12,7 +12,8 @@ from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 
 from msls_ros.messages import stamp_of
-from msls_ros.nodes.awaiting import awaited
+from msls_ros.nodes.awaiting import awaited, elsewhere
+from msls_ros.nodes.message_types import type_of
 from msls_ros.nodes.quality import latched, reliable
 from msls_ros.nodes.refusals import TIME_JUMP
 
@@ -56,6 +57,8 @@ class WatchNode(Node):
     def waiting(self) -> str:
         """Say why no model has come: what the topic lacks, and what the identifier says of itself."""
         text = f"waiting for a model: {awaited(self, 'model', self._models, self._counts['model'])}"
+        if not self.count_publishers("model"):
+            text += elsewhere(self, self._models.topic_name, type_of(LinearModel))
         name = self._prefix[:-1]
         own = f"no diagnostics of {name}" if self.status is None else f"{name} says: {self.status.message}"
         return f"{text}; {own}"

@@ -31,7 +31,15 @@ from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer, adapt
 from msls_ros.inputs.block_pairing import PairedBlock
 from msls_ros.inputs.findings import Finding
 from msls_ros.inputs.inspection import findings_of
-from msls_ros.inputs.profiles import parameters_of, profile_path, read_inputs, read_profile
+from msls_ros.inputs.model_file import start_if_there
+from msls_ros.inputs.profiles import (
+    parameters_of,
+    profile_path,
+    read_inputs,
+    read_profile,
+    read_warm_start,
+    warm_start_of,
+)
 from msls_ros.inputs.series import Collector
 from msls_ros.offline.inspection import inspect, refuse_wrong
 from msls_ros.offline.opening import chosen_parameters
@@ -79,7 +87,7 @@ class Identified:
     findings: list[Finding]
     """What an inspection of the log through its map finds, the worst first."""
     warnings: list[str]
-    """What of the log could not be read."""
+    """What of the log could not be read, and what is not as in flight."""
 
 
 def identify_log(
@@ -119,12 +127,12 @@ def identify_log(
     inspection = inspect(reader, chosen.configuration, chosen.inputs)
     if inputs is not None and not anyway:
         refuse_wrong(str(log), inspection.findings, "anyway=True")
-    flow = _Flow(chosen.configuration, every)
+    flow = _Flow(chosen.configuration, every, chosen.warm_start)
     options = ReplayOptions(namespace=namespace, inputs=inputs)
     own, source, _ = open_source(Path(log), chosen.configuration, options, flow.gate, flow.note)
     blocks = chain.from_iterable(map(source.segments, ordered_batches(own, source.topics, source.longest_run)))
     flow.take(chain(blocks, source.rest()), source.straddle)
-    return flow.result(str(log), source.topics, inspection.findings, list(own.warnings))
+    return flow.result(str(log), source.topics, inspection.findings, [*own.warnings, *flow.warnings])
 
 
 def identify_messages(
@@ -147,12 +155,12 @@ def identify_messages(
     EstimationError
         If the parameters are wrong, a message has no such field, the map makes numbers wrong, or nothing comes of them.
     """
-    configuration, inputs = _read(params)
+    configuration, inputs, warm_start = _read(params)
     taken = list(messages)
-    flow = _Flow(configuration, every)
+    flow = _Flow(configuration, every, warm_start)
     if inputs is None:
         flow.take(collected(_own_offers(taken, flow.gate)), 0)
-        return flow.result("messages", OWN, [], [])
+        return flow.result("messages", OWN, [], flow.warnings)
     adapter = InputAdapter.of(inputs, configuration, flow.gate.refused, flow.note)
     missing = sorted(set(adapter.topics) - {topic for topic, _, _ in taken})
     if missing:
@@ -164,7 +172,7 @@ def identify_messages(
         refuse_wrong("messages", findings, "anyway=True")
     wanted = (message for message in taken if message[0] in adapter.topics)
     flow.take(collected(partial(row.offer, flow.gate) for row in adapt(wanted, adapter)), adapter.straddle)
-    return flow.result("messages", tuple(adapter.topics), findings, [])
+    return flow.result("messages", tuple(adapter.topics), findings, flow.warnings)
 
 
 def rows(topic: str, time: ArrayLike, **fields: ArrayLike) -> Iterator[Message]:
@@ -220,8 +228,9 @@ def _rows(topic: str, stamps: list[int], columns: dict[str, Array]) -> Iterator[
 class _Flow:
     """The gate and the identifier of one flight, and what comes of it."""
 
-    def __init__(self, configuration: Configuration, every: int) -> None:
-        self._configuration, self._every = configuration, every
+    def __init__(self, configuration: Configuration, every: int, warm_start: Path | None) -> None:
+        self._configuration, self._every, self._warm_start = configuration, every, warm_start
+        self.warnings: list[str] = []
         self.gate = Synchronizer.of(configuration, self.note)
         self._reasons: dict[str, str] = {}
         self._estimates: list[Estimate] = []
@@ -235,6 +244,7 @@ class _Flow:
     def take(self, blocks: Iterable[PairedBlock], straddle: int) -> None:
         """Identify from all samples: the same estimates, however they are read."""
         identifier = Identifier(self._configuration, straddle, gated=True)
+        self.warnings += start_if_there(identifier, self._warm_start)
         waiting: list[PairedBlock] = []
         for block in blocks:
             if not len(block.stamps):
@@ -302,11 +312,11 @@ class _Flow:
         )
 
 
-def _read(params: Parameters) -> tuple[Configuration, InputMap | None]:
+def _read(params: Parameters) -> tuple[Configuration, InputMap | None, Path | None]:
     if isinstance(params, Mapping):
-        return parameters_of(params, "parameters")
+        return *parameters_of(params, "parameters"), warm_start_of(params, "parameters")
     path = profile_path(params)
-    return read_profile(path), read_inputs(path)
+    return read_profile(path), read_inputs(path), read_warm_start(path)
 
 
 def _own_offers(messages: Iterable[Message], gate: Synchronizer) -> Iterator[Offer]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from msls_ros.bags import AnyReader, BagError
 from msls_ros.estimation import Configuration
 from msls_ros.inputs import InputMap
-from msls_ros.inputs.profiles import profile_path, read_inputs, read_parameters, read_profile
+from msls_ros.inputs.profiles import profile_path, read_inputs, read_parameters, read_profile, read_warm_start
 from msls_ros.offline.replay import kept_parameters
 from msls_ros.offline.sources import STATE, InputTopics, find_topics
 from msls_ros.offline.suggestion import suggest
@@ -24,6 +25,8 @@ class Chosen:
     """Where this is from, in words."""
     parameters: Path | str
     """The file, or the text of a map that was made."""
+    warm_start: Path | None = None
+    """The saved model to start from; None: from nothing."""
 
 
 def chosen_parameters(reader: AnyReader, params: str | None, namespace: str | None = None) -> Chosen:
@@ -61,7 +64,20 @@ def chosen_parameters(reader: AnyReader, params: str | None, namespace: str | No
 
 
 def _of_file(reader: AnyReader, file: Path, source: str, namespace: str | None) -> Chosen:
-    configuration, inputs = read_profile(file), read_inputs(file)
-    if inputs is not None:
-        return Chosen(configuration, inputs, source, file)
-    return Chosen(configuration, find_topics(reader.path, reader.topics, namespace), source, file)
+    configuration, warm_start = read_profile(file), read_warm_start(file)
+    inputs = read_inputs(file)
+    if inputs is None:
+        found = find_topics(reader.path, reader.topics, namespace)
+        return Chosen(configuration, found, source, file, warm_start)
+    return Chosen(configuration, _resolved(inputs, reader.topics, namespace), source, file, warm_start)
+
+
+def _resolved(inputs: InputMap, topics: Iterable[str], namespace: str | None) -> InputMap:
+    """Return a map with relative names of topics in the namespace, as the node resolves them; those of logs stay."""
+    prefix = "/".join(["", *filter(None, (namespace or "").split("/")), ""])
+    moved = {
+        alias: source if source.topic in topics else replace(source, topic=prefix + source.topic)
+        for alias, source in inputs.topics.items()
+        if source.topic[:1] not in ("/", "~")
+    }
+    return replace(inputs, topics={**inputs.topics, **moved})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from msls_ros.bags import BagWriter, MessageTemplate
 from msls_ros.estimation import Configuration, DitherBlock, Estimate, FaultEvent, Identifier
 from msls_ros.inputs.answers import Answered
 from msls_ros.inputs.block_pairing import Held, PairedBlock
+from msls_ros.inputs.model_file import start_if_there
 from msls_ros.offline.best import BestModel
 
 DITHER, FAULT, MODEL = "msls_msgs/msg/DitherCommand", "msls_msgs/msg/FaultEvent", "msls_msgs/msg/LinearModel"
@@ -36,10 +38,23 @@ class IdentifierOutput:
         Samples per model.
     straddle
         Samples over which the inputs were smoothed; as `Identifier`.
+    warm_start
+        The saved model to start from; None: from nothing.
+
+    Raises
+    ------
+    EstimationError
+        For a saved model that is wrong or of other names.
     """
 
     def __init__(
-        self, writer: BagWriter, prefix: str, configuration: Configuration, every: int, straddle: int = 0
+        self,
+        writer: BagWriter,
+        prefix: str,
+        configuration: Configuration,
+        every: int,
+        straddle: int = 0,
+        warm_start: Path | None = None,
     ) -> None:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
@@ -48,6 +63,8 @@ class IdentifierOutput:
         flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
         self._identifier.update(0.0, flying, np.zeros(n), np.zeros(m))  # compiles
         self._identifier.reset()
+        self.warnings = start_if_there(self._identifier, warm_start)
+        """What is not as in flight."""
         self._before = 0, 0, 0
         self._effectors = list(configuration.effectors)
         self._topic = {leaf: prefix + leaf for leaf in OUTPUTS}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import PairedSample, Refused, Synchronizer
 from msls_ros.inputs.block_pairing import PairedBlock, Stream, pair_block
+from msls_ros.inputs.model_file import start_if_there
 from msls_ros.offline.recording import Input, Stamped, Thinned
 
 Array = NDArray[np.float64]
@@ -33,6 +35,8 @@ class Recomputed:
     restarts: int
     examples: dict[str, str] = field(default_factory=dict)
     """The first refusal of each reason, in words."""
+    warnings: list[str] = field(default_factory=list)
+    """What is not as in flight."""
     signals: Stamped[tuple[Array, Array]] = field(default_factory=list)
     """Prediction errors and statistics, (r,) each."""
     models: Thinned[Estimate] = field(default_factory=Thinned)
@@ -67,6 +71,7 @@ def recompute(
     *,
     identify: bool,
     straddle: int = 0,
+    warm_start: Path | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Recomputed:
     """Put a bag's inputs through the gate, and through the identifier.
@@ -81,12 +86,21 @@ def recompute(
         False: the gate alone.
     straddle
         Samples over which the inputs were smoothed; as `Identifier`.
+    warm_start
+        The saved model that the identifier starts from; None: nothing.
     progress
         Called with the share that is done.
+
+    Raises
+    ------
+    EstimationError
+        For a saved model that is wrong or of other names.
     """
     gate = Synchronizer.of(configuration)
     identifier = Identifier(configuration, straddle, gated=True) if identify else None
     found = Recomputed({}, 0, 0)
+    if identifier is not None:
+        found.warnings = start_if_there(identifier, warm_start)
     every = max(1, -(-len(inputs) // (2 * _MODELS)))
     for block in _blocks(_in_order(inputs), gate, found.examples):
         if identifier is not None:

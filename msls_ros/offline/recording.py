@@ -288,6 +288,11 @@ def longest_stretch(streams: dict[str, Stamped[Any]], main: str) -> tuple[dict[s
     return chosen, len(stretches)
 
 
+def spans_of(stream: Stamped[Any]) -> list[tuple[int, int]]:
+    """Return the first and last stamp of each stretch between jumps back in time [ns]."""
+    return [(part[0][0], part[-1][0]) for part in _cut(stream)]
+
+
 def _cut(stream: Stamped[Any]) -> list[Stamped[Any]]:
     parts: list[Stamped[Any]] = []
     for stamp, item in stream:

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
+from shutil import copyfile
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,28 +31,32 @@ from msls_ros.bags import (
 from msls_ros.bags.small_yaml import YamlError, check
 from msls_ros.estimation import Configuration, Estimate, EstimationError, FaultEvent, Identifier
 from msls_ros.inputs import InputAdapter, InputMap, Refused, Synchronizer
-from msls_ros.inputs.profiles import render_profile
+from msls_ros.inputs.profiles import BESIDE_A_BAG, MODEL_BESIDE, read_warm_start, render_profile
 from msls_ros.offline.best import Known
 from msls_ros.offline.collection import no_collection
 from msls_ros.offline.outputs import OUTPUTS, IdentifierOutput
 from msls_ros.offline.sources import MappedSource, SampleSource, Source, find_topics, ordered_batches
 
 Array = NDArray[np.float64]
-PARAMETERS = "identifier.yaml"
-"""The identifier's parameters, kept in the bag's folder."""
 _MOST = 1 << 16
-"""Characters of it."""
+"""Characters of a file that is kept in a bag's folder."""
 
 
 def keep_parameters(bag: Path, configuration: Configuration, file: Path | str | None = None) -> None:
-    """Write the parameters of the identifier into a bag's folder, for `replay`; a file or a text as it is."""
+    """Write the parameters of the identifier into a bag's folder, for `replay`; a file or a text as it is.
+
+    The model that a file's identifier starts from is kept beside it.
+    """
     if isinstance(file, str):
         text = file
     elif file is None:
         text = render_profile(configuration, "The identifier's parameters in this flight.")
     else:
         text = file.read_text(encoding="utf-8")
-    (bag / PARAMETERS).write_text(text, encoding="utf-8")
+    (bag / BESIDE_A_BAG).write_text(text, encoding="utf-8")
+    model = read_warm_start(file) if isinstance(file, Path) else None
+    if model is not None and model.is_file():
+        copyfile(model, bag / MODEL_BESIDE)
 
 
 def kept_parameters(bag: Path) -> Path:
@@ -62,17 +67,20 @@ def kept_parameters(bag: Path) -> Path:
     BagError
         If there is none, or no bag; or if it came with a bag and is more YAML than parameters are.
     """
-    path = (bag if bag.is_dir() else bag.parent) / PARAMETERS
+    path = (bag if bag.is_dir() else bag.parent) / BESIDE_A_BAG
     if not path.is_file():
         open_any(bag)
-        message = f"{bag}: the parameters of the flight are unknown, no {PARAMETERS} beside it; give --params"
+        message = f"{bag}: the parameters of the flight are unknown, no {BESIDE_A_BAG} beside it; give --params"
         raise BagError(message)
-    try:
-        with path.open(encoding="utf-8") as stream:
-            check(stream.read(_MOST + 1), _MOST)
-    except (YamlError, OSError, ValueError) as error:
-        message = f"{path}: not the parameters of a flight: {error}; give --params"
-        raise BagError(message) from error
+    kept = {path: "the parameters of a flight", path.with_name(MODEL_BESIDE): "the model that a flight began with"}
+    for file, what in kept.items():
+        try:
+            if file == path or file.is_file():
+                with file.open(encoding="utf-8") as stream:
+                    check(stream.read(_MOST + 1), _MOST)
+        except (YamlError, OSError, ValueError) as error:
+            message = f"{file}: not {what}: {error}; give --params"
+            raise BagError(message) from error
     return path
 
 
@@ -125,6 +133,8 @@ class ReplayOptions:
     """Where messages of other types have states and deflections; None: `msls_msgs` on the identifier's topics."""
     parameters: Path | str | None = None
     """File or text of configuration and inputs, to be kept with the output; None: the configuration is written."""
+    warm_start: Path | None = None
+    """The saved model to start from; None: from nothing."""
 
 
 def replay(
@@ -152,7 +162,7 @@ def replay(
     BagError
         If the bag cannot be used at all, or the new one not be written.
     EstimationError
-        If the inputs do not give the states and deflections of the configuration.
+        If the inputs do not give the states and deflections of the configuration, or the saved model does not fit.
     """
     reasons: dict[str, str] = {}
 
@@ -193,7 +203,7 @@ def _write(
     reader, source, prefix = opened
     with BagWriter(out, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration, options.parameters)
-        output = IdentifierOutput(writer, prefix, configuration, options.every, source.straddle)
+        output = IdentifierOutput(writer, prefix, configuration, options.every, source.straddle, options.warm_start)
         start = time.perf_counter()
         beside = _Beside(reader, writer, prefix) if options.merge and isinstance(reader, BagReader) else None
         for batch in ordered_batches(reader, source.topics, source.longest_run):
@@ -204,7 +214,7 @@ def _write(
             progress(reader.progress, output.samples)
         for segment in source.rest():
             output.take(segment)
-    warnings = list(reader.warnings) + (beside.warnings if beside else [])
+    warnings = list(reader.warnings) + (beside.warnings if beside else []) + output.warnings
     if output.negative:
         warnings.append(f"{out}: {output.negative} messages with stamps before 0 left out; a bag cannot hold them")
     if not output.samples and not warnings:

@@ -15,15 +15,15 @@ from msls_ros.bags import BagError, open_any
 from msls_ros.estimation import Configuration
 from msls_ros.estimation.configuration import items
 from msls_ros.inputs import InputMap
-from msls_ros.inputs.profiles import ADD_ATTITUDE, lacks_attitude, read_profile
+from msls_ros.inputs.profiles import ADD_ATTITUDE, BESIDE_A_BAG, lacks_attitude, read_profile, read_warm_start
 from msls_ros.inputs.series import Collector
 from msls_ros.offline.best import origin_of
 from msls_ros.offline.inspection import MOST, Inspection, inspect
 from msls_ros.offline.mapped import is_own, mapped_recording
 from msls_ros.offline.opening import Chosen, chosen_parameters
 from msls_ros.offline.recompute import Recomputed, fitting, recompute
-from msls_ros.offline.recording import Recording, Stamped, longest_stretch, record_of
-from msls_ros.offline.replay import PARAMETERS, kept_parameters
+from msls_ros.offline.recording import Recording, Stamped, longest_stretch, record_of, spans_of
+from msls_ros.offline.replay import kept_parameters
 from msls_ros.offline.report_series import (
     dither_of,
     event_of,
@@ -114,21 +114,25 @@ class _Gathering:
         self.inputs = all(self.samples.values())
         self.inspection: Inspection | None = None
         self.configuration: Configuration | None
+        self.warm_start: Path | None = None
         if chosen is not None:
             self.configuration, self.source = chosen.configuration, f"Read with {chosen.source}."
+            self.warm_start = chosen.warm_start
         else:
             self.configuration, self.source = self._configuration(params)
 
     def _configuration(self, params: str | None) -> tuple[Configuration | None, str]:
         """Return the configuration, if any, and where it is from."""
         if params is not None:
+            self.warm_start = read_warm_start(params)
             return read_profile(params), f"The parameters given with --params {params}."
         try:
-            kept = read_profile(str(kept_parameters(self.bag)))
+            file = kept_parameters(self.bag)
+            kept, self.warm_start = read_profile(file), read_warm_start(file)
         except BagError:
             if self.recorded_models or not self.inputs:
                 return None, (
-                    f"Not known: no {PARAMETERS} beside the bag. Give --params to compute the detector's statistic."
+                    f"Not known: no {BESIDE_A_BAG} beside the bag. Give --params to compute the detector's statistic."
                 )
             names = [tuple(self.samples[leaf][0][1].names) for leaf in ("state", "effectors")]
             configuration, text = (
@@ -138,16 +142,22 @@ class _Gathering:
             if not configuration.known_gravity and lacks_attitude(names[0]):
                 text += f" Gravity is not taken off. {ADD_ATTITUDE}."
             return configuration, text
-        return kept, f"{PARAMETERS} beside the bag."
+        return kept, f"{BESIDE_A_BAG} beside the bag."
 
     def run(self, progress: Callable[[float], None]) -> Recorded:
         computed = self._recompute(progress)
         streams = self._streams(computed)
         main = next((name for name in ("model", "computed model", "state") if streams.get(name)), "state")
+        spans = spans_of(streams[main])
         streams, stretches = longest_stretch(streams, main)
         if stretches > 1:
+            shown = streams[main][0][0], streams[main][-1][0]
+            spans.remove(shown)
+            others = ", ".join(f"{begin * 1e-9:.2f} to {end * 1e-9:.2f} s" for begin, end in spans)
             self.warnings.append(
-                f"time jumps back in this bag: of its {stretches} stretches the longest is shown; counts are of all"
+                f"time jumps back in this bag: of its {stretches} stretches the longest is shown, "
+                f"{shown[0] * 1e-9:.2f} to {shown[1] * 1e-9:.2f} s as stamped; counts are of all. Not shown: {others}; "
+                "there is no option that shows them; record each run in a bag of its own"
             )
         stamps = [stream[0][0] for stream in streams.values() if stream]
         first = min(stamps, default=0)
@@ -163,8 +173,14 @@ class _Gathering:
         configuration = self.configuration or fitting(names[0], names[1])
         identify = self.configuration is not None
         found = recompute(
-            self.record.inputs, configuration, identify=identify, straddle=self.record.straddle, progress=progress
+            self.record.inputs,
+            configuration,
+            identify=identify,
+            straddle=self.record.straddle,
+            warm_start=self.warm_start,
+            progress=progress,
         )
+        self.warnings += found.warnings
         if not found.paired:
             self.warnings.append("no sample passed the input checks: see the refusals")
         return found
@@ -306,7 +322,7 @@ class _Gathering:
             self.missing.append("The bag holds no truth (topic truth/model): estimates cannot be compared.")
         if self.recorded_models and self.configuration is None:
             self.missing.append(
-                f"No {PARAMETERS} beside the bag and no --params: the detector's statistic is known at alarms only."
+                f"No {BESIDE_A_BAG} beside the bag and no --params: the detector's statistic is known at alarms only."
             )
 
 

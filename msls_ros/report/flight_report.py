@@ -17,7 +17,7 @@ from msls_ros.report.page import Head, Section
 from msls_ros.report.parameters import Parameter, quality
 from msls_ros.report.recorded import Models, Recorded, TruthChange, joined
 from msls_ros.report.style import derivative, number
-from msls_ros.report.verdict import verdict
+from msls_ros.report.verdict import verdict, what_changed
 
 _SAVED_POINTS = 400
 """Of a parameter over time in the JSON that the page holds."""
@@ -145,7 +145,9 @@ class _Builder:
             panels = [parameters.panel_of(p) for p in picked]
             body += self._draw(charts.Drawn("changes", "What changed", charts.PARAMETER_CAPTION, panels), 2)
         else:
-            body = page.paragraphs(["Nothing that is sure."])
+            said = what_changed(joined(self.flight.events), [])
+            sure = "No number of A or B is surely another one than before."
+            body = page.paragraphs([said, sure] if self.flight.alarms else ["Nothing that is sure."])
         self._add("changes", "What changed?", body)
 
     def _model(self) -> None:

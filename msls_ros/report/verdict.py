@@ -35,7 +35,7 @@ def verdict(
     """
     sentences = []
     if known is not None:
-        sentences = [_what_changed(joined(flight.events), slow), _what_is_known(flight, known)]
+        sentences = [what_changed(joined(flight.events), slow), _what_is_known(flight, known)]
     else:
         sentences = ["No model: nothing was identified."]
     wrong = [f for f in flight.findings if f.level == "wrong"]
@@ -70,7 +70,16 @@ def _chance(inside: int, compared: int) -> float:
     return sum(ways)
 
 
-def _what_changed(events: Sequence[Event], slow: Sequence[SlowChange]) -> str:
+def what_changed(events: Sequence[Event], slow: Sequence[SlowChange]) -> str:
+    """Return one sentence on what changed: alarms with the effectors that were named, then slow changes.
+
+    Parameters
+    ----------
+    events
+        Those of one change joined.
+    slow
+        Changes without an alarm.
+    """
     parts = []
     alarms = [e for e in events if e.kind == "detected"]
     for number_of, alarm in enumerate(alarms[:_MOST]):

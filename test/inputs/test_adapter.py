@@ -339,6 +339,20 @@ def test_an_effector_of_several_channels_is_the_sum_of_their_values() -> None:
 # What cannot be used
 
 
+def test_a_repeated_arrival_says_that_the_clock_of_a_simulation_moves_in_ticks() -> None:
+    said: list[str] = []
+    flat = {"clock": "a", "topics.a": "/a p/A stamp=arrival", "states.s": "a s", "effectors.e": "a e"}
+    flat["derivatives.s"] = "a rate"
+    made = InputAdapter(
+        InputMap.from_parameters(flat), ("s",), ("e",), report=lambda refused: said.append(str(refused))
+    )
+    for _ in range(2):
+        made.push("/a", STEP, Message(s=1.0, rate=0.0, e=2.0))
+    (text,) = said
+    assert text.startswith("topic /a: stamp ") and "expected a later one. stamp=arrival is read from the node" in text
+    assert "publish /clock faster than this topic, or give stamp=PATH" in text
+
+
 def test_numbers_that_are_none_and_stamps_that_do_not_rise_are_refused_and_counted() -> None:
     made = adapter()
     list(adapt_messages([m for k in range(5) for m in sample(k)], made))

@@ -38,6 +38,18 @@ def test_another_rate_is_said_once_as_it_is_with_pauses_too(pauses: list[float])
     ]
 
 
+def test_the_rate_that_is_said_to_be_configured_is_that_and_the_topic_that_sets_the_pace_is_named() -> None:
+    watch = RateWatch(100.0)
+    watch.expect(50.0, "/surfaces")
+    assert sum(watch.take(k * SECOND // 40) for k in range(200)) == 1
+    assert watch.sentence == (
+        "samples come at 40 Hz, sample_rate is 100 Hz: they follow /surfaces, the slowest topic, which came at 50 Hz; "
+        "publish it faster, or set sample_rate to what comes"
+    )
+    watch.expect(100.0)
+    assert "/surfaces" not in watch.sentence
+
+
 @pytest.mark.parametrize("rate", [5.0, 0.4])
 def test_a_rate_that_falls_far_is_said_once_and_measured_as_it_is(rate: float) -> None:
     watch, stamp, count = RateWatch(50.0), 0, 0

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from inputs.inspected import (
 )
 
 from msls_ros.estimation import EstimationError
+from msls_ros.inputs.check_timing import check_fields
 from msls_ros.inputs.findings import DOUBTFUL, NOTE, OF_THE_FLIGHT, WRONG, Finding
 
 PULSES = {"topics.servos": "/rc/out mavros_msgs/msg/RCOut", "topics.joints": None}
@@ -292,3 +294,20 @@ def test_surfaces_that_move_together_but_for_little_are_noted() -> None:
     (found,) = [f for f in look({}, nearly) if f.kind == "together"]
     assert found.level == NOTE and re.search(r"= .* but for 0\.0\d+ deg rms: .*its loss", found.what), found.what
     assert not [f for f in look({}) if f.kind == "together"]
+
+
+@pytest.mark.parametrize(
+    ("count", "reason", "level"),
+    [(2, "not_finite", NOTE), (8, "field_missing", NOTE), (9, "not_finite", DOUBTFUL), (1, "field", WRONG)],
+)
+def test_what_is_missing_in_less_than_one_message_of_a_thousand_is_a_note(count: int, reason: str, level: str) -> None:
+    where = "specific_force"
+    good = {where: SimpleNamespace(stamps=np.arange(8599))}
+    record: Any = SimpleNamespace(
+        failures={where: {reason: (count, "z is nan")}},
+        series=good,
+        topics={},
+        inputs=SimpleNamespace(compared=(), topics={}),
+    )
+    (found,) = check_fields(record)
+    assert (found.level, found.where) == (level, f"inputs.{where}") and f"in {count} messages" in found.what

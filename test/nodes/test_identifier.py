@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import rclpy
+from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from msls_msgs.msg import DitherCommand, EffectorSample, FaultEvent, LinearModel, StateSample
@@ -21,6 +22,7 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import SetBool, Trigger
 
 from msls_ros import messages
+from msls_ros.nodes import refusals
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.quality import INPUT, best_effort
 from msls_ros.plant import EFFECTORS, STATES
@@ -157,6 +159,22 @@ def test_diagnostics_tell_the_count_of_refusals_by_reason(bench: Bench) -> None:
     bench.spin_until(lambda: newest().get("refused: length") == "1" and newest().get("refused: not_finite") == "4")
     assert newest()["samples"] == "3"
     assert "5 messages refused" in newest()["status"] or "no samples" in newest()["status"]
+
+
+def test_diagnostics_are_ok_again_once_the_last_refusal_is_long_ago_and_still_tell_the_total(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recent, second = refusals.Recent(), 1_000_000_000
+    course = [(0, 0), (1, 5), (1, 14), (1, 15), (1, 16), (3, 20), (3, 29), (3, 30), (4, 40), (4, 2), (5, 3)]
+    found = [recent.grew(count, at * second) for count, at in course]
+    assert found == [False, True, True, False, False, True, True, False, True, False, True]
+    monkeypatch.setattr(refusals, "RECENT", 0)
+    newest = bench.diagnostics(bench.probe.get_name())
+    fine = refusals.Health(DiagnosticStatus.OK, "fine", {})
+    told = refusals.Diagnostics(bench.probe, lambda: fine, {"not_finite": 1})
+    bench.spin_until(newest, "diagnostics")
+    told.destroy()
+    assert newest() == {"status": "fine", "messages refused": "1", "refused: not_finite": "1"}
 
 
 def test_diagnostics_tell_what_is_not_learnt_from_on_the_ground_and_spikes(bench: Bench) -> None:

@@ -131,3 +131,15 @@ def test_who_acts_asks_for_nothing_that_is_past(bench: Bench, kind: type[Node], 
     node = bench.add(kind, **given.get(kind, {}))
     asked = {s.topic_name: s.qos_profile.durability for s in node.subscriptions}
     assert asked and set(asked.values()) == {QoSDurabilityPolicy.VOLATILE}
+
+
+def test_a_view_that_hears_no_model_names_the_namespaces_in_which_there_is_one(bench: Bench) -> None:
+    node = bench.adopt(WatchNode(context=bench.context))
+    assert "did you mean" not in node.waiting()
+    for name in ("/uav1/model", "/uav1/truth/model"):
+        bench.probe.create_publisher(LinearModel, name, 1)
+    bench.probe.create_publisher(FaultEvent, "/uav2/model", 1)
+    wanted = (
+        "waiting for a model: /model: no publisher (did you mean --namespace /uav1?); no diagnostics of /identifier"
+    )
+    bench.spin_until(lambda: node.waiting() == wanted, node.waiting())

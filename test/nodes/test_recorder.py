@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 
 from msls_ros.bags import BagMessage, BagReader, read
 from msls_ros.commands import replay
-from msls_ros.inputs.profiles import config_folder, read_inputs, read_profile
+from msls_ros.inputs.profiles import MODEL_BESIDE, config_folder, read_inputs, read_profile, read_warm_start
 from msls_ros.nodes.identifier import IdentifierNode
 from msls_ros.nodes.parameters import NodeError
 from msls_ros.nodes.recorder import RecorderNode
@@ -134,6 +134,18 @@ def test_a_bag_of_samples_replays_by_the_parameters_that_the_recorder_was_given(
     assert not (tmp_path / "unknown/identifier.yaml").exists()
 
 
+def test_the_saved_model_that_a_flight_begins_with_is_kept_beside_the_bag(bench: Bench, tmp_path: Path) -> None:
+    file, model = config_folder() / "c172x.yaml", tmp_path / "model.yaml"
+    model.write_text("states: []")
+    given = ("-p", f"warm_start:={model}", "-p", f"out:={tmp_path / 'bag'}", "-p", "overwrite:=true")
+    for _ in range(2):
+        bench.remove(made(bench, RecorderNode, file, *given))
+    section = yaml.safe_load((tmp_path / "bag/identifier.yaml").read_text())["/**"]["ros__parameters"]
+    assert section["warm_start"] == str(model)
+    assert read_warm_start(tmp_path / "bag/identifier.yaml") == tmp_path / "bag" / MODEL_BESIDE
+    assert (tmp_path / "bag" / MODEL_BESIDE).read_text() == "states: []"
+
+
 def test_a_map_that_cannot_be_recorded_leaves_the_bag_that_is_there(bench: Bench, tmp_path: Path) -> None:
     bench.remove(bench.add(RecorderNode, out=str(tmp_path / "bag")))
     file = stack(tmp_path, {}, topics={"imu": "/imu/data px4_msgs/msg/Imu"})
@@ -166,3 +178,16 @@ def test_a_bag_that_is_replaced_does_not_keep_the_parameters_of_the_old_one(benc
     bench.remove(made(bench, RecorderNode, config_folder() / "c172x.yaml", "-p", f"out:={tmp_path / 'bag'}"))
     bench.remove(bench.add(RecorderNode, out=str(tmp_path / "bag"), overwrite=True))
     assert not (tmp_path / "bag/identifier.yaml").exists()
+
+
+def test_a_recorder_says_where_it_writes_how_many_topics_and_at_the_end_how_many_messages(
+    bench: Bench, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    recorder = bench.add(RecorderNode, out=str(tmp_path / "bag"), topics=["state", "model"])
+    for _ in range(2):
+        bench.publish("model", LinearModel())
+    bench.spin_until(lambda: recorder.counts["model"] == 2, "the messages in the bag")
+    bench.remove(recorder)
+    said = "".join(capfd.readouterr())
+    assert f"recording 2 topics to '{tmp_path / 'bag'}'" in said
+    assert f"2 messages written to '{tmp_path / 'bag'}'" in said

@@ -13,7 +13,11 @@ import pytest
 from inputs import mapped_messages as made
 from inputs.mapped_messages import Flight, Sent, rigid_flight, write_bag
 
+from msls_ros.bags import open_any
 from msls_ros.commands import inspect
+from msls_ros.inputs import InputMap
+from msls_ros.inputs.profiles import config_folder
+from msls_ros.offline.opening import chosen_parameters
 
 SHIPPED = Path(__file__).parents[2] / "config" / "inputs" / "px4_odometry.yaml"
 SERVOS = "/fmu/out/actuator_servos"
@@ -81,3 +85,15 @@ def test_what_the_identifier_finds_itself_makes_no_numbers_wrong(
     said = {m: next(f for f in inspected(bag, capsys, method=m) if f["kind"] == "delay") for m in ("bank", "msls")}
     assert said["bank"]["level"] == "doubtful" and "the identifier looks for as much" in said["bank"]["what"]
     assert "B is wrong by it" in said["msls"]["what"]
+
+
+@pytest.mark.parametrize(("namespace", "resolved"), [("/uav1", "/uav1/imu/data"), (None, "/imu/data")])
+def test_relative_names_of_topics_are_resolved_in_the_namespace_as_the_node_does(
+    tmp_path: Path, namespace: str | None, resolved: str
+) -> None:
+    shipped = (config_folder() / "inputs" / "odometry_jointstate.yaml").read_text()
+    file = tmp_path / "map.yaml"
+    file.write_text(shipped.replace("/imu/data sensor", "imu/data sensor"))
+    chosen = chosen_parameters(open_any(recorded(tmp_path)), str(file), namespace)
+    assert isinstance(chosen.inputs, InputMap)
+    assert [source.topic for source in chosen.inputs.topics.values()] == ["/odom", resolved, "/joint_states"]

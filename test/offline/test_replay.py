@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
 import json
+from contextlib import redirect_stderr
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from offline.replayed import (
     BAGS,
@@ -22,10 +26,14 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from msls_ros.bags import read
+from msls_ros.commands import replay as command
 from msls_ros.commands.record_flights import results
-from msls_ros.estimation import Configuration
-from msls_ros.inputs.profiles import read_profile
+from msls_ros.estimation import Configuration, EstimationError, Identifier
+from msls_ros.inputs.model_file import write_model
+from msls_ros.inputs.profiles import BESIDE_A_BAG, MODEL_BESIDE, read_profile, read_warm_start, render_parameters
+from msls_ros.offline.identification import identify_log
 from msls_ros.offline.replay import ReplayOptions, keep_parameters, kept_parameters, replay
+from msls_ros.offline.report_data import gather
 
 
 @pytest.fixture(scope="module")
@@ -146,6 +154,53 @@ def test_a_namespace_is_found_and_can_be_chosen(tmp_path: Path, configuration: C
         out = tmp_path / name.strip("/")
         assert replay(tmp_path / "both", out, configuration, ReplayOptions(namespace=name)).samples == 601
         assert f"/{name.strip('/')}/model" in read(out).topics
+
+
+def test_a_flight_that_began_with_a_saved_model_is_replayed_from_it_and_from_its_copy_beside_the_bag(
+    tmp_path: Path, configuration: Configuration
+) -> None:
+    model, kept = saved_model(tmp_path, configuration), tmp_path / "first" / "bag" / BESIDE_A_BAG
+    bag = write(kept.parent, inputs(BAGS / "tail_fault")[:200])
+    kept.write_text(render_parameters(configuration, {}, "Of a flight.", model))
+    assert read_warm_start(kept) == model
+    cold, warm = identify_log(BAGS / "tail_fault", every=100), identify_log(bag, every=100)
+    assert warm.b[0].tobytes() != cold.b[0].tobytes() and not warm.warnings
+    options: dict[str, Any] = {"every": 100, "parameters": kept}
+    assert not replay(bag, tmp_path / "again", configuration, ReplayOptions(**options, warm_start=model)).warnings
+    (_, fields), *_ = outputs(tmp_path / "again")["/model"]
+    assert fields["b"] == ("float64", warm.b[0].tobytes())
+    model.write_text("another flight")
+    assert read_warm_start(tmp_path / "again" / BESIDE_A_BAG) == tmp_path / "again" / MODEL_BESIDE
+    with pytest.raises(EstimationError, match="is not a model that ~/save_model has written"):
+        identify_log(bag)
+
+
+def test_a_saved_model_that_is_not_there_any_more_is_told(tmp_path: Path, configuration: Configuration) -> None:
+    bag = write(tmp_path / "bag", inputs(BAGS / "tail_fault")[:200])
+    (bag / BESIDE_A_BAG).write_text(render_parameters(configuration, {}, "Of a flight.", tmp_path / "gone.yaml"))
+    (said,) = identify_log(bag).warnings
+    assert said == (
+        f"warm_start: the model '{tmp_path / 'gone.yaml'}' is not there: the identifier begins with nothing learnt, "
+        "not with the model of the flight"
+    )
+    assert said in command_run(bag, tmp_path) and said in gather(bag, None).warnings
+
+
+def saved_model(folder: Path, configuration: Configuration) -> Path:
+    """Write a model with more elevator than the aircraft has."""
+    identifier, n, m = Identifier(configuration), len(configuration.states), len(configuration.effectors)
+    zeros = np.zeros(n), np.zeros(m)
+    identifier.warm_start(-np.eye(n), np.ones((n, m)), zeros[0], 1e-6 * np.eye(len(configuration.regressors)))
+    write_model(folder / "model.yaml", identifier, identifier.estimate(0.0, zeros[0]), *zeros, 0)
+    return folder / "model.yaml"
+
+
+def command_run(bag: Path, folder: Path) -> str:
+    """Return what the command says of a bag."""
+    capture = io.StringIO()
+    with redirect_stderr(capture):
+        assert command.main([str(bag), "--out", str(folder / "out")]) == 0
+    return capture.getvalue()
 
 
 def test_parameters_kept_with_a_flight_are_the_same_when_read_again(tmp_path: Path) -> None:

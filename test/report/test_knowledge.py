@@ -7,10 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from msls_ros.report.flight_report import make_report
 from msls_ros.report.knowledge import gather_knowledge, slow_changes
-from msls_ros.report.recorded import Array, Event, Models
+from msls_ros.report.recorded import Array, Event, Models, Recorded
 from msls_ros.report.style import causal_rms, number
-from msls_ros.report.verdict import _what_changed
+from msls_ros.report.verdict import what_changed
 
 
 def models(value: Array, std: Array, reliable: Array) -> Models:
@@ -31,6 +32,17 @@ SURE: Array = np.ones(300, dtype=np.float64)
 
 def alarm(time: float) -> Event:
     return Event(time, "detected", ("P",), (9.0,), (7.0,), "", np.nan, np.nan, "")
+
+
+def test_the_section_of_what_changed_says_the_name_that_the_verdict_gives() -> None:
+    """Where nothing was reliable before the alarm no number can be said to be another one."""
+    named = replace(alarm(4.2), kind="isolated", effector="da", effectiveness=0.48, effectiveness_std=0.23)
+    unsure = models(83.0 * SURE, SURE, 0.0 * SURE)
+    made = make_report(Recorded("made/up", "", [], models=unsure, events=[alarm(4.0), named]))
+    assert "da 48 ± 23 %, named 0.20 s" in made.verdict[0]
+    assert made.html.count(made.verdict[0]) == 2 and "Nothing that is sure" not in made.html
+    quiet = make_report(Recorded("made/up", "", [], models=unsure))
+    assert "Nothing that is sure" in quiet.html
 
 
 def test_a_slow_change_is_found_with_its_beginning_and_end() -> None:
@@ -82,7 +94,7 @@ def test_what_was_reliable_for_a_moment_only_is_not_known(until: float) -> None:
 
 
 def test_several_alarms_make_one_sentence() -> None:
-    said = _what_changed([alarm(4.0), alarm(8.0)], [])
+    said = what_changed([alarm(4.0), alarm(8.0)], [])
     assert said.startswith("Abrupt change of dP/dt at 4.00 s") and "; abrupt change of dP/dt at 8.00 s" in said
 
 
