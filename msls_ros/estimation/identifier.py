@@ -103,7 +103,7 @@ class Identifier:
         self._regression = make_engine(c, self.straddle)
         self._assembly = Assembly(c, self._regression)
         self._preparation = Preparation(c, self._regression)
-        self._warm: tuple[Array, Array, Array | None] | None = None
+        self._warm: tuple[Array, Array, Array | None, Array | None] | None = None
 
     def _follow_pace(self) -> None:
         """Begin anew, from what was known at the start, where samples are learnt from at another rate than before."""
@@ -163,6 +163,7 @@ class Identifier:
         covariance: Array,
         x: Array | None = None,
         delta: Array | None = None,
+        errors: tuple[Array, Array] | None = None,
     ) -> None:
         """Start anew from a known model instead of from nothing; the next sample may be of any time.
 
@@ -179,6 +180,9 @@ class Identifier:
         delta
             (m,) deflections there: what the speed makes of their effects stands in the derivatives by velocities
             (`bank.speed`); None: zero.
+        errors
+            (n, n) and (n, m) standard errors of ``a`` and ``b``, infinite where nothing is known: what the bank
+            publishes is as well known as that until more is known; None: the covariance alone says what is.
 
         Raises
         ------
@@ -186,7 +190,8 @@ class Identifier:
             For wrong shapes, numbers that are not finite, or a covariance that is none; nothing has changed then.
         """
         theta, seen = self._assembly.take_apart(a, b, bias, x, delta)
-        warm = theta, np.array(covariance, dtype=np.float64), seen
+        bars = None if errors is None else self._assembly.take_errors(*errors)
+        warm = theta, np.array(covariance, dtype=np.float64), seen, bars
         self._regression.warm_start(*warm)
         self._warm = warm
         self._stamps.clear()

@@ -360,3 +360,21 @@ class Assembly:
             seen = np.concatenate([x[kept], moved, [1.0]])
         theta: Array = np.concatenate([a[np.ix_(kept, kept)], b[kept], bias[kept, None]], axis=1)
         return theta, seen
+
+    def take_errors(self, a_std: Array, b_std: Array) -> Array:
+        """Return the standard errors of what is estimated, (r, p), of those of a model, (n, n) and (n, m).
+
+        Raises
+        ------
+        EstimationError
+            For wrong shapes.
+        """
+        n, m, p = self._shape
+        a_std, b_std = (np.asarray(v, dtype=np.float64) for v in (a_std, b_std))
+        if a_std.shape != (n, n) or b_std.shape != (n, m):
+            message = f"errors of a, b of shapes {a_std.shape}, {b_std.shape}; expected ({n}, {n}), ({n}, {m})"
+            raise EstimationError(message)
+        kept = self._layout.kept
+        errors: Array = np.full((len(kept), p), math.inf)
+        errors[:, : p - 1] = np.concatenate([a_std[np.ix_(kept, kept)], b_std[kept]], axis=1)
+        return errors

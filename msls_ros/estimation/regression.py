@@ -111,7 +111,9 @@ class Regression:
         """Return an estimate at states (k, n), of which those in ``kept`` are regressors: the same at all of them."""
         return np.full(len(x), self.theta[row, column])
 
-    def warm_start(self, theta: Array, covariance: Array, seen: Array | None = None) -> None:
+    def warm_start(
+        self, theta: Array, covariance: Array, seen: Array | None = None, errors: Array | None = None
+    ) -> None:
         """Start anew from given estimates.
 
         Parameters
@@ -120,7 +122,7 @@ class Regression:
             (r, p) estimates.
         covariance
             (p, p) their covariance over the residual variance, symmetric positive definite; all rows share it.
-        seen
+        seen, errors
             Not asked for here; see `BankRegression.warm_start`.
 
         Raises

@@ -34,6 +34,9 @@ class SavedModel:
     """(n,) states at which what is known from physics stands in ``a`` and ``bias``."""
     delta: Array
     """(m,) deflections there."""
+    a_std: Array
+    b_std: Array
+    """(n, n) and (n, m) standard errors."""
 
 
 def write_model(path: Path, identifier: Identifier, estimate: Estimate, x: Array, delta: Array, stamp: int) -> None:
@@ -91,6 +94,7 @@ def read_model(path: Path) -> SavedModel:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
         states, effectors, regressors = (tuple(map(str, content[k])) for k in ("states", "effectors", "regressors"))
         a, b, bias, covariance = (np.array(content[k], dtype=np.float64) for k in ("a", "b", "bias", "covariance"))
+        a_std, b_std = (np.array(content[k], dtype=np.float64) for k in ("a_std", "b_std"))
         x = np.array(content["x"], dtype=np.float64) if "x" in content else None
         delta = np.array(content.get("delta", [0.0] * len(effectors)), dtype=np.float64)
     except OSError as error:
@@ -104,7 +108,7 @@ def read_model(path: Path) -> SavedModel:
             f"the model '{path}' is of an earlier version: it has no x, the states that it holds for; save it anew"
         )
         raise EstimationError(message)
-    return SavedModel(states, effectors, regressors, a, b, bias, covariance, x, delta)
+    return SavedModel(states, effectors, regressors, a, b, bias, covariance, x, delta, a_std, b_std)
 
 
 def start_if_there(identifier: Identifier, path: Path | None) -> list[str]:
@@ -141,4 +145,5 @@ def start_from(identifier: Identifier, path: Path) -> None:
     if (model.states, model.effectors, model.regressors) != (c.states, c.effectors, c.regressors):
         message = f"the model '{path}' has states {list(model.states)}, effectors {list(model.effectors)}; expected "
         raise EstimationError(message + f"{list(c.states)}, {list(c.effectors)}")
-    identifier.warm_start(model.a, model.b, model.bias, model.covariance, model.x, model.delta)
+    errors = model.a_std, model.b_std
+    identifier.warm_start(model.a, model.b, model.bias, model.covariance, model.x, model.delta, errors)

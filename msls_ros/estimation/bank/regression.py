@@ -76,7 +76,9 @@ class BankRegression:
         fill_values(self.settings, self.state, row, (column + 1) % self.theta.shape[1], x, kept, self._work.w, found)
         return found
 
-    def warm_start(self, theta: Array, covariance: Array, seen: Array | None = None) -> None:
+    def warm_start(
+        self, theta: Array, covariance: Array, seen: Array | None = None, errors: Array | None = None
+    ) -> None:
         """Start anew from given estimates; as `Regression.warm_start`.
 
         Parameters
@@ -86,6 +88,9 @@ class BankRegression:
         seen
             (p,) regressor at which they are the tangent, constant last; None: they hold as they are at the speed of the
             first sample, see `bank.speed`.
+        errors
+            (r, p) their standard errors there, infinite where nothing is known, constant last: the estimates are the
+            best that is known (`bank.uncertainty`); None: only the covariance says what is known.
 
         Raises
         ------
@@ -98,13 +103,16 @@ class BankRegression:
             raise EstimationError(message)
         information, factor = np.zeros((p, p)), np.zeros((p, p))
         finite = np.isfinite(theta).all() and np.isfinite(covariance).all()
-        seen = seen if self.settings.scaled else None
+        where, seen = seen, seen if self.settings.scaled else None
         if (
             not finite
             or not (covariance == covariance.T).all()
             or not invert(np.roll(covariance, 1, axis=(0, 1)), information, np.zeros((2, p, p)))
         ):
             message = "estimates and covariance must be finite, and the covariance symmetric positive definite"
+            raise EstimationError(message)
+        if errors is not None and (errors.shape != (r, p) or not (errors >= 0.0).all()):
+            message = f"standard errors {errors.shape}; expected ({r}, {p}), none negative"
             raise EstimationError(message)
         upper_factor(information, factor)
         if seen is not None:
@@ -125,6 +133,19 @@ class BankRegression:
         if seen is not None:
             x.seen[:] = np.roll(seen, 1)
             x.speed[:] = max(speed_of(self.settings, x.seen), SLOWEST * float(self.settings.speed[0])), 1.0
+        if where is not None and errors is not None:
+            self._know_best(first, np.roll(errors, 1, axis=1), np.roll(where, 1))
+
+    def _know_best(self, theta: Array, errors: Array, where: Array) -> None:
+        """Keep estimates with standard errors, (r, p), at a regressor, (p,), as best known; all constant first."""
+        s, x = self.settings, self.state
+        number = len(s.velocities)
+        scales = np.full(number, x.speed[0]) if s.scaled else s.speed[:number]
+        place = np.concatenate([where[s.velocities] / scales, where[s.rates], [1.0]])
+        x.best[:] = theta
+        x.best_place[:] = place
+        x.best_square[:] = np.square(errors)
+        x.best_square[:, 0] = math.inf
 
     def _from_tangent(self, theta: Array, seen: Array) -> Array:
         """Return the estimates, (r, p), of which the tangent at a regressor, (p,), is given; constant last.
