@@ -189,4 +189,4 @@ def second_derivative(times: Array, values: Array, j: int, i: int) -> float:
     k = min(max(i, 1), last - 1)
     after, before = times[k + 1] - times[k], times[k] - times[k - 1]
     change = (values[k + 1, j] - values[k, j]) / after - (values[k, j] - values[k - 1, j]) / before
-    return 2.0 * change / (after + before)
+    return float(2.0 * change / (after + before))

@@ -232,7 +232,9 @@ def behind_a_servo(rate: int, seed: int) -> Estimate:
             wanted = random.uniform(-0.6, 0.6)
         if k % 8 == 0:
             asked = np.clip(3.0 * (wanted - angle), -1.0, 1.0)
-            doublet = sum(size * ((begin <= time < begin + 0.4) - (begin + 0.4 <= time < begin + 0.8)) for begin, size in pulses)
+            doublet = sum(
+                size * ((begin <= time < begin + 0.4) - (begin + 0.4 <= time < begin + 0.8)) for begin, size in pulses
+            )
             sent = 0.11 * asked + 0.04 * (asked - roll) + doublet
         rolls[k], commands[k] = roll, sent
         speed += step * (corner * corner * (sent - surface) - 1.6 * corner * speed)

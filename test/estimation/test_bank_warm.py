@@ -7,9 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.linear_beds import configure, differentiate, draw, fly, usual_intervals
+from benchmarks.linear_beds import configure, differentiate, draw, fly
 from msls_ros.estimation import Estimate, Identifier
 from msls_ros.estimation.kernel import Array
+from msls_ros.inputs.derivatives import usual_intervals
 
 SEEDS = (4424, 4425, 4428, 4434, 4442)
 MOVES = 3.0
@@ -30,7 +31,8 @@ def pair(seed: int, through: bool, left: float) -> tuple[Estimate, list[Estimate
     saved = first.run(*before, every=len(before[0])).estimates[-1]
     errors = saved.a_std, saved.b_std
     warm.warm_start(saved.a, saved.b, saved.bias, first.covariance, before[1][-1], before[3][-1], errors)
-    return saved, warm.run(*(array[: LONG * one.rate] for array in now)).estimates, b
+    time, x, xdot, delta = (array[: LONG * one.rate] for array in now)
+    return saved, warm.run(time, x, xdot, delta).estimates, b
 
 
 def covered(estimates: list[Estimate], b: Array) -> tuple[int, int]:

@@ -172,7 +172,7 @@ def test_a_linear_system_stays_the_same_system_under_the_window_however_uneven_t
 
 @pytest.mark.parametrize(("rate", "near"), [(25, 0.06), (50, 0.01), (100, 0.01)])
 def test_the_rule_of_integration_makes_no_force_of_a_pitch_rate(rate: int, near: float) -> None:
-    """Of 17 m/s times it trapezoids miss ``h^2/12`` of its second derivative: w by the elevator is -21 then at 25 Hz."""
+    """Trapezoids miss ``h^2/12`` of the second derivative of 17 m/s times it: w by the elevator is -21 at 25 Hz."""
     a, b = np.array([[-3.0, 16.0], [-2.5, -10.0]]), np.array([-13.0, -150.0])
     rng, step = np.random.default_rng(4), 0.001
     command = np.repeat(rng.uniform(-0.05, 0.05, 150), 200)
