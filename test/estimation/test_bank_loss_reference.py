@@ -85,7 +85,7 @@ def changed(effector: int, by: float, square: Array) -> tuple[int, float]:
 
     The older estimates differ from the truth in one effector's effect on the first row; square is of their errors.
     """
-    engine = engine_of(fly(7, noise=1e-4))
+    engine = engine_of(fly(9, noise=1e-4))
     s, x, work = engine.settings, engine.state, engine._work
     before = TRUTH.copy()
     before[0, FIRST + effector] += by

@@ -179,16 +179,16 @@ def through_a_window(noise: float) -> Identifier:
 
 
 def test_noise_that_has_passed_a_window_is_found_in_deflections_and_states() -> None:
-    """White noise through the window has .235 of its variance left: (2, 5, 6, 5, 2) / 20."""
+    """White noise through the window has .256 of its variance left: (17, 68, 70, 68, 17) / 240."""
     identifier = through_a_window(0.002)
     engine = identifier._regression
     assert isinstance(engine, BankRegression)
-    left = math.sqrt(0.235) * 0.002
+    left = math.sqrt(0.256) * 0.002
     assert np.sqrt(engine.state.third_noise) == pytest.approx([left, left], rel=0.2)
     found = [math.sqrt(state_noise(engine.settings, engine.state, j, 0.0)) for j in range(3)]
     assert found == pytest.approx([left, left, left], rel=0.2)
-    assert engine.noise.max() < (0.01 * left) ** 2, (
-        "states and slopes are of the same signal: nothing shows between them"
+    assert engine.noise.max() < (0.2 * left) ** 2, (
+        "states and slopes are of the same signal: next to nothing shows between them"
     )
 
 

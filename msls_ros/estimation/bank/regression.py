@@ -90,7 +90,8 @@ class BankRegression:
             first sample, see `bank.speed`.
         errors
             (r, p) their standard errors there, infinite where nothing is known, constant last: the estimates are the
-            best that is known (`bank.uncertainty`); None: only the covariance says what is known.
+            best that is known (`bank.uncertainty`), and members learn from there with their priors. None: the
+            covariance is what they know, in units of a residual that is taken to be as it was.
 
         Raises
         ------
@@ -124,12 +125,13 @@ class BankRegression:
         x.origin[:] = first
         x.members[:] = first[:, :, None]
         x.past[:] = first[None, :, :, None]
-        x.R[0] = factor[:, :, None]
-        x.info[0] = 1.0 / np.roll(np.diagonal(covariance), 1)[:, None]
-        x.known[:] = x.info[0, :, 0]
-        x.taken[0] = 4.0 * p
-        x.age[0] = 4 * p
         x.answered[:] = 1
+        if where is None or errors is None:
+            x.R[0] = factor[:, :, None]
+            x.info[0] = 1.0 / np.roll(np.diagonal(covariance), 1)[:, None]
+            x.known[:] = x.info[0, :, 0]
+            x.taken[0] = 4.0 * p
+            x.age[0] = 4 * p
         if seen is not None:
             x.seen[:] = np.roll(seen, 1)
             x.speed[:] = max(speed_of(self.settings, x.seen), SLOWEST * float(self.settings.speed[0])), 1.0

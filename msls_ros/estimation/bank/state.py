@@ -101,7 +101,7 @@ class BankState(NamedTuple):
     smaller: Array
     """(r, w) that smaller one itself."""
     square_hidden: Array
-    """(r, p) what noise in the regressors adds to those, see `bank.allowances.hidden_square`."""
+    """(r, p) what noise in the regressors adds to ``square_moved``, see `bank.allowances.hidden_square`."""
     square_moved: Array
     """(r, p) squared standard errors without the bias by noise in the states, which mispredicts nothing."""
     square_past: Array
