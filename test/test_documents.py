@@ -294,7 +294,6 @@ def test_the_recorder_takes_the_example_of_a_stack(bench: Bench, tmp_path: Path)
     node.terminate()
     said, _ = node.communicate(timeout=60)
     assert node.returncode == 0 and "WARN" not in said and "ERROR" not in said, said
-    assert "recording 10 topics to" in said and " messages written to" in said
     files = (tmp_path / "flight" / "identifier.yaml", EXAMPLES / "my_stack.yaml")
     kept, given = (yaml.safe_load(file.read_text())["/**"]["ros__parameters"]["inputs"] for file in files)
     assert kept == given

@@ -83,6 +83,14 @@ def interval_weights(intervals: int) -> Array:
     return np.array(raw) / sum(raw)
 
 
+def sample_weights(intervals: int) -> Array:
+    """Return the weights (n + 1,) of the samples in the means of a window of n intervals, on an even clock."""
+    times, values = np.arange(intervals + 1.0), np.eye(intervals + 1)
+    smooth, slope = np.empty(intervals + 1), np.empty(intervals + 1)
+    weigh(times, values, np.zeros_like(values), interval_weights(intervals), smooth, slope)
+    return smooth
+
+
 class DerivativeFilter:
     """The window, moved on by one sample at a time.
 

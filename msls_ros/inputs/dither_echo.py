@@ -28,7 +28,7 @@ from enum import Enum
 import numpy as np
 
 from msls_ros.estimation.kernel import Array
-from msls_ros.inputs.derivatives import interval_weights
+from msls_ros.inputs.derivatives import sample_weights
 
 WINDOW = 30.0
 """Over which the two are compared [s]."""
@@ -240,10 +240,7 @@ def responses(step: float) -> Array:
 
 def window(intervals: int) -> Array:
     """Return the (k,) weights of samples in a window of so many intervals, see `derivatives`; 0: one weight."""
-    if intervals < 1:
-        return np.ones(1)
-    weights = interval_weights(intervals)
-    return np.convolve(weights, [0.5, 0.5])
+    return sample_weights(intervals) if intervals > 0 else np.ones(1)
 
 
 def compare(deflection: Array, dither: Array, shapes: Array, step: float) -> Verdict:

@@ -8,8 +8,7 @@ from estimation.test_bank import SMALL, uniform
 
 from msls_ros.estimation import Estimate, Identifier, from_mapping
 from msls_ros.estimation.bank.regression import BankRegression
-from msls_ros.estimation.kernel import Array
-from msls_ros.inputs.derivatives import DerivativeFilter
+from msls_ros.inputs.derivatives import sample_weights
 
 STEP = 0.002
 """Of the simulation [s]."""
@@ -116,16 +115,6 @@ def test_forces_and_moments_may_be_late_by_unlike_times(forces: float, moments: 
     assert (np.abs(estimate.b - LIFT_AND_PITCH) <= 1.96 * estimate.b_std).all()
 
 
-def window_weights(window: int) -> Array:
-    """Return the weights of the samples in the means of a window of so many intervals."""
-    if window == 0:
-        return np.ones(1)
-    filtered = DerivativeFilter(window, window + 1, 10**9)
-    found = [filtered.push(10_000_000 * (k + 1), row) for k, row in enumerate(np.eye(window + 1))][-1]
-    assert found is not None
-    return found.smooth
-
-
 def fly_by_hand(delay: float, window: int) -> Estimate:
     """Return the last estimate: slow inputs, measured with noise; both through a window of derivatives."""
     n, back = 6000, round(100 * delay)
@@ -136,7 +125,7 @@ def fly_by_hand(delay: float, window: int) -> Estimate:
         xdot[k] = EFFECTS @ delta[max(k - back, 0)] - np.array([2.0, 1.0, 0.5]) * x[k]
         if k + 1 < n:
             x[k + 1] = x[k] + 0.01 * xdot[k]
-    weights = window_weights(window)
+    weights = sample_weights(window) if window else np.ones(1)
     noisy = xdot + 0.05 * uniform(n, 3, 84), delta + 0.004 * uniform(n, 2, 85)
     means = [np.array([np.convolve(one, weights, "valid") for one in part.T]).T for part in (t[:, None], x, *noisy)]
     identifier = Identifier(from_mapping({**SMALL, "sample_rate": 100.0}), window)

@@ -12,6 +12,7 @@ from msls_ros.estimation.bank.isolation import UNCERTAIN, Losses
 from msls_ros.estimation.bank.lags import MOMENTS
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, combine_rows, compare_surfaces, is_known
+from msls_ros.estimation.bank.responses import lateness
 from msls_ros.estimation.bank.restoring import restore_effectors
 from msls_ros.estimation.bank.rows import advance_bank, excitation_of
 from msls_ros.estimation.bank.settings import bank_settings
@@ -219,9 +220,8 @@ class BankRegression:
         share = s.late_part if x.delay[MOMENTS, 1] == 0.0 else math.sqrt(x.delay[MOMENTS, 1])
         back = float(x.delay[MOMENTS, 0]) + float(s.responses[x.response[0], 1] * s.late)
         best = int(np.argmax(x.response_evidence))
-        lead, other = float(x.response_evidence[best]), s.responses[best]
-        apart = float((other[1] + x.response_part[best]) * s.late) * s.period + float(s.lag_times[other[0]])
-        apart -= back * s.period + self.lag
+        lead = float(x.response_evidence[best])
+        apart = lateness(s, x, best) - back * s.period - self.lag
         doubt = 0.0 if lead <= 0.0 else (1.0 - exponential(-lead)) * apart
         own = share * s.late * s.period
         return back * s.period, math.sqrt(own * own + doubt * doubt)

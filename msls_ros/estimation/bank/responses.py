@@ -33,7 +33,8 @@ A response other than that of now is taken when its evidence is decisive (`DECIS
 to other regressors then, and every equation begins anew, as after an alarm. What is left of the delay, a fraction of l,
 is found by `bank.delay`, with deflections that have passed the response. Effects are those of the deflections that act.
 Until it is decided, what speaks for another response is in the bars (``response_doubt``): the share by which effects
-would be others with it, no more than its evidence over the decisive one. Afterwards `UNSHAPED` or `LAGLESS` is: a lag
+would be others with it, or by which deflections are off as they move (`RISE`), no more than its evidence over the
+decisive one. Afterwards `UNSHAPED` or `LAGLESS` is: a lag
 that is found is not the whole shape, a long delay without one is half of it, which gusts hide, and a short one may be
 what is wrong with a servo that was declared (`shape_doubt`).
 
@@ -92,6 +93,8 @@ LEAST_LEFT = 0.1
 """Least share of what is left that is not the white noise of sensors [1]."""
 TINY = 1e-300
 """Least median square of third differences."""
+RISE = 0.025
+"""Time in which a deflection moves [s]: what it is off by where it is late is such a share of its motion."""
 QUICK, SLOW = 0.01, 0.02
 """Delays between which what may be wrong with a servo that was declared begins to count [s]; see `shape_doubt`."""
 RECORDS = 0.025
@@ -299,10 +302,18 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         for a in range(others):
             x.response_evidence[a] -= lead
     shape = shape_doubt(s, x)
+    edge = abs(lateness(s, x, best) - lateness(s, x, now)) / RISE
     for q in range(x.response_doubt.shape[0]):
-        doubt = 0.0 if taken else min(lead / DECISIVE, share_of_change(s, x, q, best, now))
+        doubt = 0.0 if taken else min(lead / DECISIVE, max(share_of_change(s, x, q, best, now), edge))
         x.response_doubt[q] = max(doubt, shape)
     return taken
+
+
+@compiled
+def lateness(s: BankSettings, x: BankState, a: int) -> float:
+    """Return by how much response a comes after the deflections, lag and delay [s]."""
+    delay = (s.responses[a, 1] + x.response_part[a]) * s.late * s.period
+    return float(delay + s.lag_times[s.responses[a, 0]])
 
 
 @compiled
@@ -331,8 +342,8 @@ def shape_doubt(s: BankSettings, x: BankState) -> float:
     if response[0] > 0:
         return UNSHAPED
     late = (x.delay[MOMENTS, 0] + response[1] * s.late) * s.period
-    doubt = UNSHAPED * min(max((late - QUICK) / (SLOW - QUICK), 0.0), 1.0)
-    return float(doubt + (LAGLESS - UNSHAPED) * min(max((late - RECORDS) / (ACTUATORS - RECORDS), 0.0), 1.0))
+    declared = UNSHAPED * min(max((late - QUICK) / (SLOW - QUICK), 0.0), 1.0)
+    return float(max(declared, LAGLESS * min(max((late - RECORDS) / (ACTUATORS - RECORDS), 0.0), 1.0)))
 
 
 @compiled
