@@ -11,7 +11,7 @@ from msls_ros.estimation.settings import loop_settings
 Engine = Regression | BankRegression
 
 
-def make_engine(c: Configuration, straddle: int = 0) -> Engine:
+def make_engine(c: Configuration, straddle: int = 0, *, servos: bool = False) -> Engine:
     """Return the engine that a configuration asks for.
 
     Parameters
@@ -20,7 +20,9 @@ def make_engine(c: Configuration, straddle: int = 0) -> Engine:
         All parameters.
     straddle
         Samples over which the inputs were smoothed; 0: they were not.
+    servos
+        Whether deflections are commands behind servos that were declared.
     """
     if c.estimator.method == "bank":
-        return BankRegression(bank_settings(c, straddle), len(c.rows))
+        return BankRegression(bank_settings(c, straddle, servos=servos), len(c.rows))
     return Regression(loop_settings(c), len(c.rows))

@@ -66,6 +66,9 @@ class Identifier:
         not learn from them; the noise of a window is another one than that of sensors, too. Left at 0 beside
         derivatives that were made, losses are alarmed late or not at all. `inputs.differentiated` makes them, and
         returns the number to give.
+    servos
+        Whether deflections are commands that have passed a model of their servo (``servo=`` of an input), which is
+        never all that the servo is: the bank says less where what answers is late.
     gated
         Whether the stamps come from the gate of `inputs`, as in the node and in `replay`: they have been compared in
         nanoseconds, and are not checked here.
@@ -76,7 +79,9 @@ class Identifier:
         For a straddle that is no whole number, or negative.
     """
 
-    def __init__(self, configuration: Configuration, straddle: int = 0, *, gated: bool = False) -> None:
+    def __init__(
+        self, configuration: Configuration, straddle: int = 0, *, servos: bool = False, gated: bool = False
+    ) -> None:
         """Allocate everything; see the class."""
         self.configuration = configuration
         c = configuration
@@ -86,6 +91,8 @@ class Identifier:
         self._signals: list[tuple[Array, Array]] = []
         self._supervisor = Supervisor(c)
         self.straddle = as_whole("straddle", straddle, 0)
+        """As it was given."""
+        self.servos = servos
         """As it was given."""
         self._stamps = Stamps(c.sample_rate, gated)
         self._screen = Screen(c)
@@ -100,7 +107,7 @@ class Identifier:
     def _begin(self, c: Configuration) -> None:
         """Make what learns, with nothing learnt yet; the rate in the configuration is that of what it learns from."""
         self._learns, self._period = c, self._screen.period
-        self._regression = make_engine(c, self.straddle)
+        self._regression = make_engine(c, self.straddle, servos=self.servos)
         self._assembly = Assembly(c, self._regression)
         self._preparation = Preparation(c, self._regression)
         self._warm: tuple[Array, Array, Array | None, Array | None] | None = None

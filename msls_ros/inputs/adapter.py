@@ -163,6 +163,8 @@ class InputAdapter:
         self.straddle = intervals if differentiated else 0
         """Samples over which a row reaches at most: intervals of the derivatives' window; 0: nothing is
         differentiated."""
+        self.servos = any(stream.servo > 0.0 for stream in streams)
+        """Whether deflections are commands behind servos that are declared; as `Identifier` takes it."""
         self._columns = 2 * n + m + 3
         self._filter = DerivativeFilter(intervals, self._columns, inputs.maximum_age) if differentiated else None
         made = velocities_made((name, self.methods[name] == "differentiated") for name in self._states)

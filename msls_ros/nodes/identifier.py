@@ -236,7 +236,8 @@ class IdentifierNode(LifecycleNode):
             self._adapter = InputAdapter.of(
                 self._inputs, configuration, self._synchronizer.refused, self._refusals.take
             )
-        self._identifier = Identifier(configuration, 0 if self._adapter is None else self._adapter.straddle, gated=True)
+        straddle, servos = (0, False) if self._adapter is None else (self._adapter.straddle, self._adapter.servos)
+        self._identifier = Identifier(configuration, straddle, servos=servos, gated=True)
         if self._p["warm_start"]:
             start_from(self._identifier, Path(self._p["warm_start"]))
             self.get_logger().info(f"starting from the model in '{self._p['warm_start']}'")

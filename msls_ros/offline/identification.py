@@ -131,7 +131,7 @@ def identify_log(
     options = ReplayOptions(namespace=namespace, inputs=inputs)
     own, source, _ = open_source(Path(log), chosen.configuration, options, flow.gate, flow.note)
     blocks = chain.from_iterable(map(source.segments, ordered_batches(own, source.topics, source.longest_run)))
-    flow.take(chain(blocks, source.rest()), source.straddle)
+    flow.take(chain(blocks, source.rest()), source.straddle, servos=source.servos)
     return flow.result(str(log), source.topics, inspection.findings, [*own.warnings, *flow.warnings])
 
 
@@ -171,7 +171,8 @@ def identify_messages(
     if not anyway:
         refuse_wrong("messages", findings, "anyway=True")
     wanted = (message for message in taken if message[0] in adapter.topics)
-    flow.take(collected(partial(row.offer, flow.gate) for row in adapt(wanted, adapter)), adapter.straddle)
+    blocks = collected(partial(row.offer, flow.gate) for row in adapt(wanted, adapter))
+    flow.take(blocks, adapter.straddle, servos=adapter.servos)
     return flow.result("messages", tuple(adapter.topics), findings, flow.warnings)
 
 
@@ -241,9 +242,9 @@ class _Flow:
         """Keep the first refusal of each reason."""
         self._reasons.setdefault(refused.reason, str(refused))
 
-    def take(self, blocks: Iterable[PairedBlock], straddle: int) -> None:
+    def take(self, blocks: Iterable[PairedBlock], straddle: int, *, servos: bool = False) -> None:
         """Identify from all samples: the same estimates, however they are read."""
-        identifier = Identifier(self._configuration, straddle, gated=True)
+        identifier = Identifier(self._configuration, straddle, servos=servos, gated=True)
         self.warnings += start_if_there(identifier, self._warm_start)
         waiting: list[PairedBlock] = []
         for block in blocks:

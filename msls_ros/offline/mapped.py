@@ -98,4 +98,5 @@ def mapped_recording(
     return Recording(
         prefix="/", inputs=found, messages={"model": []}, stride=1, topics=topics, diagnostics={},
         warnings=warnings, refused=dict(refused), examples=examples, straddle=adapter.straddle,
+        servos=adapter.servos,
     )  # fmt: skip

@@ -36,8 +36,8 @@ class IdentifierOutput:
         Of the identifier.
     every
         Samples per model.
-    straddle
-        Samples over which the inputs were smoothed; as `Identifier`.
+    straddle, servos
+        Samples over which the inputs were smoothed, and whether they have passed declared servos; as `Identifier`.
     warm_start
         The saved model to start from; None: from nothing.
 
@@ -53,12 +53,14 @@ class IdentifierOutput:
         prefix: str,
         configuration: Configuration,
         every: int,
+        *,
         straddle: int = 0,
+        servos: bool = False,
         warm_start: Path | None = None,
     ) -> None:
         """Announce the topics; see the class."""
         self._writer, self._every = writer, every
-        self._identifier = Identifier(configuration, straddle, gated=True)
+        self._identifier = Identifier(configuration, straddle, servos=servos, gated=True)
         n, m = len(configuration.states), len(configuration.effectors)
         flying = np.array([configuration.reference_speed if s == "u" else 0.0 for s in configuration.states])
         self._identifier.update(0.0, flying, np.zeros(n), np.zeros(m))  # compiles

@@ -71,6 +71,7 @@ def recompute(
     *,
     identify: bool,
     straddle: int = 0,
+    servos: bool = False,
     warm_start: Path | None = None,
     progress: Callable[[float], None] = lambda share: None,
 ) -> Recomputed:
@@ -84,8 +85,8 @@ def recompute(
         Of the identifier.
     identify
         False: the gate alone.
-    straddle
-        Samples over which the inputs were smoothed; as `Identifier`.
+    straddle, servos
+        Samples over which the inputs were smoothed, and whether they have passed declared servos; as `Identifier`.
     warm_start
         The saved model that the identifier starts from; None: nothing.
     progress
@@ -97,7 +98,7 @@ def recompute(
         For a saved model that is wrong or of other names.
     """
     gate = Synchronizer.of(configuration)
-    identifier = Identifier(configuration, straddle, gated=True) if identify else None
+    identifier = Identifier(configuration, straddle, servos=servos, gated=True) if identify else None
     found = Recomputed({}, 0, 0)
     if identifier is not None:
         found.warnings = start_if_there(identifier, warm_start)

@@ -94,6 +94,8 @@ class Recording:
     """Of a log that is read through a map: what the map's reader refused, by reason, and the first of each."""
     straddle: int = 0
     """Samples over which a state of such a log was smoothed; as `Identifier` takes it."""
+    servos: bool = False
+    """Whether its deflections have passed declared servos; as `Identifier` takes it."""
 
     def samples(self, leaf: str) -> Stamped[Sample]:
         """Return the samples of a topic that can be decoded."""

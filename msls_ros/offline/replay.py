@@ -203,7 +203,15 @@ def _write(
     reader, source, prefix = opened
     with BagWriter(out, definition_paths=options.definitions) as writer:
         keep_parameters(out, configuration, options.parameters)
-        output = IdentifierOutput(writer, prefix, configuration, options.every, source.straddle, options.warm_start)
+        output = IdentifierOutput(
+            writer,
+            prefix,
+            configuration,
+            options.every,
+            straddle=source.straddle,
+            servos=source.servos,
+            warm_start=options.warm_start,
+        )
         start = time.perf_counter()
         beside = _Beside(reader, writer, prefix) if options.merge and isinstance(reader, BagReader) else None
         for batch in ordered_batches(reader, source.topics, source.longest_run):

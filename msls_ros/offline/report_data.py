@@ -177,6 +177,7 @@ class _Gathering:
             configuration,
             identify=identify,
             straddle=self.record.straddle,
+            servos=self.record.servos,
             warm_start=self.warm_start,
             progress=progress,
         )

@@ -161,6 +161,11 @@ class Source(Protocol):
         ...
 
     @property
+    def servos(self) -> bool:
+        """Whether its deflections are commands behind servos that are declared."""
+        ...
+
+    @property
     def warnings(self) -> Sequence[str]:
         """What is wrong with the inputs, as far as it has been seen."""
         ...
@@ -189,6 +194,7 @@ class SampleSource:
 
     longest_run = PENDING
     straddle = 0
+    servos = False
     warnings: Sequence[str] = ()
 
     def __init__(self, topics: InputTopics, gate: Synchronizer) -> None:
@@ -289,7 +295,7 @@ class MappedSource:
         """Check topics and types; see the class."""
         self._reader, self._adapter, self._gate = reader, adapter, gate
         self.topics = tuple(adapter.topics)
-        self.straddle = adapter.straddle
+        self.straddle, self.servos = adapter.straddle, adapter.servos
         adapter.check(reader.topics)
         for topic in self.topics:
             try:

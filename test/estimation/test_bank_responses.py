@@ -218,14 +218,18 @@ def test_what_a_law_answers_gusts_with_is_no_evidence() -> None:
     assert engine.state.response[0] == 0
 
 
-def behind_a_servo(rate: int, seed: int) -> Estimate:
-    """Of a roll axis whose servo of second order, 55 ms in all, is declared as a lag of that: commands through it."""
+def behind_a_servo(rate: int, seed: int, late: float | None = None) -> Estimate:
+    """Of a roll axis whose servo of second order, 55 ms in all, is declared as a lag of that: commands through it.
+
+    With ``late`` [s]: of the surface as it is, recorded so much early.
+    """
+    declared = late is None
     step, corner = 0.0025, 1.6 / 0.055
     random = np.random.default_rng(seed)
     n = round(60.0 / step)
     pulses = [(3.0 + 6.0 * k + random.uniform(0.0, 2.0), random.uniform(0.03, 0.08)) for k in range(9)]
     roll = angle = surface = speed = wanted = sent = 0.0
-    rolls, commands = np.zeros(n), np.zeros(n)
+    rolls, commands, surfaces = np.zeros(n), np.zeros(n), np.zeros(n)
     for k in range(n):
         time = k * step
         if k % 4000 == 0:
@@ -236,7 +240,7 @@ def behind_a_servo(rate: int, seed: int) -> Estimate:
                 size * ((begin <= time < begin + 0.4) - (begin + 0.4 <= time < begin + 0.8)) for begin, size in pulses
             )
             sent = 0.11 * asked + 0.04 * (asked - roll) + doublet
-        rolls[k], commands[k] = roll, sent
+        rolls[k], commands[k], surfaces[k] = roll, sent, surface
         speed += step * (corner * corner * (sent - surface) - 1.6 * corner * speed)
         before, surface = surface, surface + step * speed
         kept = np.exp(-17.0 * step)
@@ -244,12 +248,15 @@ def behind_a_servo(rate: int, seed: int) -> Estimate:
         angle += 0.5 * step * (roll + later)
         roll = later
     apart = round(1.0 / (rate * step))
-    made = followed(np.rint(np.arange(n) * step * 1e9).astype(np.int64), commands, 0.055, 10**9)[::apart, None]
+    if late is None:
+        made = followed(np.rint(np.arange(n) * step * 1e9).astype(np.int64), commands, 0.055, 10**9)[::apart, None]
+    else:
+        made = np.append(surfaces[round(late / step) :], np.full(round(late / step), surface))[::apart, None]
     measured = rolls[::apart, None] + 0.004 * random.normal(size=(len(made), 1))
     names = {"states": ("P",), "effectors": ("da",), "reference_speed": 17.0, "known_gravity": False}
     configuration = from_mapping({**names, "sample_rate": float(rate)})
     window = differentiated(configuration, np.arange(len(made)) / rate, measured, None, made)
-    return Identifier(configuration, window.straddle).run(*window[:4]).estimates[-1]
+    return Identifier(configuration, window.straddle, servos=declared).run(*window[:4]).estimates[-1]
 
 
 @pytest.mark.parametrize("rate", [25, 50])
@@ -260,3 +267,12 @@ def test_what_a_declared_servo_leaves_of_delay_says_that_it_may_be_another(rate:
         assert 0.014 < last.delay < 0.026
         assert last.b[0, 0] > 1.2 * 180.0, "or this proves nothing"
         assert abs(last.b[0, 0] - 180.0) < 1.96 * last.b_std[0, 0] < 0.75 * last.b[0, 0]
+
+
+@pytest.mark.parametrize("rate", [25, 50])
+def test_what_a_record_leaves_of_delay_is_no_servo(rate: int) -> None:
+    """The same aircraft with deflections that are recorded 15 ms early: right, and known to a tenth."""
+    for seed in range(3):
+        last = behind_a_servo(rate, seed, late=0.015)
+        assert 0.010 < last.delay < 0.022
+        assert abs(last.b[0, 0] - 180.0) < 1.96 * last.b_std[0, 0] < 0.2 * 180.0

@@ -82,6 +82,8 @@ class BankSettings(NamedTuple):
     """Samples for which no alarm is raised after a first excitation."""
     straddle: int
     """Samples after an alarm whose windows straddle the change: they do not enter the restarted rows."""
+    servos: bool
+    """Whether deflections are commands behind servos that were declared, see `bank.responses.shape_doubt`."""
     velocities: Integers
     """(v,) which regressors are velocities, constant first."""
     speed: Array

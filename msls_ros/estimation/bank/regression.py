@@ -65,7 +65,7 @@ class BankRegression:
 
     def configure(self, configuration: Configuration) -> None:
         """Take over changed parameters; what has been learnt stays."""
-        self.settings = bank_settings(configuration, self.settings.straddle)
+        self.settings = bank_settings(configuration, self.settings.straddle, servos=self.settings.servos)
 
     def follow(self, row: int, column: int) -> None:
         """Have ``Output.followed`` hold one estimate; negative: none."""

@@ -221,6 +221,7 @@ def make_bank_settings(
     turning: Mapping[tuple[int, int], tuple[int, float]] | None = None,
     surfaces: Sequence[Surface] = (),
     straddle: int = 0,
+    servos: bool = False,
     differenced: Sequence[int] = (),
     detect: bool = True,
     threshold: float = THRESHOLD,
@@ -243,6 +244,8 @@ def make_bank_settings(
         First and after the last effector among the regressors.
     straddle
         Samples over which the inputs were smoothed or differentiated.
+    servos
+        Whether deflections are commands behind servos that were declared.
     differenced
         Rows of angular rates: their outputs are differences of their states then, all others are smoothed; and they
         have a delay of their own (`bank.delay`). None: all rows have one.
@@ -267,6 +270,7 @@ def make_bank_settings(
     return BankSettings(
         period=period,
         straddle=straddle,
+        servos=servos,
         effectors_from=effectors[0],
         effectors_to=effectors[1],
         detect=detect,
@@ -580,7 +584,7 @@ def _widest(grid: Grid, kind: int) -> int:
     return width.index(max(width))
 
 
-def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
+def bank_settings(c: Configuration, straddle: int = 0, *, servos: bool = False) -> BankSettings:
     """Translate the parameters, and over how many samples the inputs were smoothed, into what the loop takes."""
     axes = [int(name in LATERAL) for name in c.rows]
     axes = axes if len(set(axes)) > 1 else [0] * len(axes)
@@ -594,6 +598,7 @@ def bank_settings(c: Configuration, straddle: int = 0) -> BankSettings:
         counts=counts,
         effectors=(len(c.rows), len(c.rows) + len(c.effectors)),
         straddle=straddle,
+        servos=servos,
         differenced=[i for i, name in enumerate(c.rows) if name in RATES],
         surfaces=read_surfaces(c.isolation.surfaces, c.effectors),
         velocities=[i for i, name in enumerate(c.rows) if name in ("u", "v", "w")],
