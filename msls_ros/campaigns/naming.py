@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -12,8 +13,6 @@ from msls_ros.flights.judging import TICK
 from msls_ros.flights.scenarios import Scenario
 from msls_ros.plant import STATES
 
-_WITHIN = 5.0
-"""A name counts for a fault up to so long after the end of its ramp [s]."""
 _CHANGED = 0.1
 """Share of its effect that an effector must have lost, or gained, to be named rightly."""
 
@@ -33,8 +32,9 @@ def judge_names(scenario: Scenario, log: FlightLog) -> dict[str, Any]:
     named = [e for e in log.events if e.kind == EventKind.ISOLATED and e.suspected_effector in names]
     found: dict[str, Any] = {"rightly": 0, "wrongly": 0, "not": 0, "z": []}
     used: set[int] = set()
-    for start, end in scenario.fault_spans:
-        own = [k for k, e in enumerate(named) if start + TICK < e.time <= end + _WITHIN and k not in used]
+    spans = scenario.fault_spans
+    for (start, end), following in zip(spans, (*(start for start, _ in spans[1:]), math.inf), strict=True):
+        own = [k for k, e in enumerate(named) if start + TICK < e.time <= following + TICK and k not in used]
         used |= set(own)
         shares = {
             k: _share(log, named[k], effectors, start, end)

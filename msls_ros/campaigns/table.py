@@ -26,7 +26,7 @@ NOTES = (
     "fault, counted from the end of the ramp; where it never does, that is the end of the flight.",
     "before, after: rms error of the watched parameter from 1 s on, and from 1 s after the end of the ramp, in % of "
     f"its true value before the fault; late: the largest from {LATE:g} s after it, in % of the true value now.",
-    "named: an effector, up to 5 s after the end of the ramp, that has truly lost a tenth of its effect or more; "
+    "named: an effector, until the next fault, that has truly lost a tenth of its effect or more; "
     "wrongly: any other name. z: the share left less the true one, over its standard error.",
     "in the band: share of the coefficients flagged reliable whose 95 % band holds the truth (in brackets: how "
     "many are flagged, of all in the rigid-body equations). NaN: flights with a value that is not finite.",
