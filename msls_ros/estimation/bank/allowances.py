@@ -79,7 +79,7 @@ def uncertainty_of(R: Array, m: int, phi: Array, w: Array) -> float:
 @compiled
 def unknown_square(s: BankSettings, x: BankState, q: int, phi: Array) -> float:
     """Squared error that row q may have because regressors go further than those that its estimates are known by."""
-    total = float(hidden_square(s, x, q))
+    total = hidden_square(s, x, q)
     for i in range(1, phi.shape[0]):
         deviation = phi[i] - x.phi_mean[i]
         if deviation * deviation > max(FURTHER * x.phi_remembered[i], noise_limit(s, x, i)):
@@ -99,10 +99,10 @@ def hidden_square(s: BankSettings, x: BankState, q: int) -> float:
     Deflections need no such thing: their noise does not hide them from the first input on.
 
     A V-tail of 14 kg (50 Hz, not one of ours, .2 m/s of noise in velocities, 57 flights): 6 false alarms as measured,
-    10 with rates differentiated, nearly all at the first input of an axis; none with this, and as many losses are
-    seen, 25 and 21 of 32. Six other aircraft (216 flights, seeds 1 and 2): 3 false alarms, 6 without, 81 losses are
-    seen, not 84. Without the usual error as a limit half ailerons in flight test were seen late (seeds 851 and 852: 15
-    and 17 of 24 within half a second; with it 19 and 23, without all of this 23 and 23).
+    10 with rates differentiated, nearly all at the first input of an axis, without this; 0 and 3 with it, and 26 and
+    23 of 32 losses are seen. Six other aircraft (216 flights, seeds 1 and 2): 8 false alarms, 83 losses are seen; 3 and
+    81 if it excused in all flight, which hides stabilators of the F-16. Half ailerons in flight test (seeds 851 and
+    852): 23 of 24 within half a second, without the usual error as a limit 15 to 17.
     """
     total = 0.0
     for i in range(1, s.effectors_from + 1):
