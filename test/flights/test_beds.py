@@ -21,7 +21,7 @@ SEGMENTS = {"w": (20, 44), "Q": (20, 44), "P": (45, 75), "v": (137, 165), "R": (
 """From the input to the end of the free response after it [s], by the equation that it shows."""
 KEY = {"w": ("w", "Q"), "Q": ("w", "Q", "de"), "P": ("v", "P", "da"), "v": ("R",), "R": ("v", "R", "dr")}
 """Derivatives that are scored, by equation: of incidence, of the own rate, of the own control."""
-SEEDS, BANK_SEEDS = tuple(range(8)), tuple(range(4))
+SEEDS, BANK_SEEDS = tuple(range(8)), tuple(range(3))
 PUBLISHED = {
     ("A4", "MSLS .98"): (0.031, 0.91),
     ("A4", "MSLS .99"): (0.014, 0.98),
