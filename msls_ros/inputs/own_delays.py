@@ -40,12 +40,10 @@ _CHANCE = 30.0
 """Logarithm of the likelihoods' ratio, beyond chance among all the delays that are looked at."""
 _PART, _EXPLAINED = 0.12, 0.02
 """Share of the residual, and of the angular accelerations of one axis, that a delay of its own must explain."""
-_BOTH, _BOTH_LATE = 0.15, 0.05
-"""Share of what its own delay explains that the common one may explain beside it, of any axis; and of surfaces that are
-stamped late, for what a law makes of gusts comes after them too."""
-_LEFT, _LEFT_LATE = 0.5, 0.3
-"""Share of the angular accelerations of its axis that may be left beside noise, and of those that are stamped late:
-gusts that leave more hide it."""
+_BOTH = 0.05
+"""Share of what its own delay explains that the common one may explain beside it, of any axis."""
+_LEFT = 0.2
+"""Share of the angular accelerations of its axis that may be left beside noise: gusts that leave more hide it."""
 _APART = 0.05
 """Share of a surface's motion that states and other surfaces do not make up, at least."""
 _LIKE = 0.02
@@ -150,8 +148,9 @@ class _Shifts:
                 delays[index] = self._best(index, delays, common)
             if np.array_equal(before, delays):
                 break
-        delays = np.where([self._seen(i, delays) for i in range(self.count)], delays, common)
-        others = self._usual(delays)
+        seen = np.array([self._seen(i, delays) for i in range(self.count)])
+        others = self._usual(delays[seen]) if seen.any() else common
+        delays = np.where(seen, delays, others)
         named = []
         for index in range(self.count):
             one = self._tested(index, delays, others, common)
@@ -180,7 +179,7 @@ class _Shifts:
     def _usual(self, delays: Steps) -> int:
         """Return the delay that most have; of as many, the one that the map says rather."""
         near = np.abs(delays[:, None] - delays) * self.step <= _LIKE
-        best = max(range(self.count), key=lambda i: (int(near[i].sum()), -abs(int(delays[i]))))
+        best = max(range(len(delays)), key=lambda i: (int(near[i].sum()), -abs(int(delays[i]))))
         return int(np.median(delays[near[best]]))
 
     def _evidence(self, fixed: _Fixed, column: tuple[int, int], axis: int, before: float) -> float:
@@ -205,9 +204,8 @@ class _Shifts:
         if gain < max(_EXPLAINED, _PART * float(usual[axis])) or self._alone(index, fixed, steps) < _APART:
             return None
         both = self.left(fixed, (index, others), (index, steps))
-        part, rest = (_BOTH, _LEFT) if steps > others else (_BOTH_LATE, _LEFT_LATE)
         gusts = float(own[axis] - self.noise[axis])
-        if gusts > rest or float(np.max(own - both)) > part * float(usual[axis] - both[axis]):
+        if gusts > _LEFT or float(np.max(own - both)) > _BOTH * float(usual[axis] - both[axis]):
             return None
         if self._evidence(fixed, (index, steps), axis, float(usual[axis])) < _CHANCE:
             return None
