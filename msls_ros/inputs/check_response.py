@@ -136,7 +136,7 @@ def _own(record: Record, response: Response, own: list[OwnDelay]) -> Iterator[Fi
         mend = delay_words(-lag, 1e-9 * stream.delay, "its topic's line" if alone else "its own line")
         if apart > 0:
             mend += "; or servo= there, where it is a command that a servo slower than the others' follows"
-        yield Finding(WRONG if one.gain > _SURE else DOUBTFUL, "delay", f"{_WHERE}.{name}", what, mend)
+        yield Finding(DOUBTFUL, "delay", f"{_WHERE}.{name}", what, mend)
 
 
 def _delay(record: Record, response: Response, steps: int, left: float, *, gain: float, bank: bool) -> Finding:
