@@ -15,6 +15,7 @@ from msls_ros.inputs.findings import DOUBTFUL, NOTE, WRONG, Finding, delay_words
 from msls_ros.inputs.frames import BODY
 from msls_ros.inputs.input_map import AIR_DATA, WIND
 from msls_ros.inputs.motion import Motion, Reading
+from msls_ros.inputs.own_delays import OwnDelay, own_delays, shifted
 from msls_ros.inputs.response import Following, Response, Search
 from msls_ros.inputs.series import Record, Series, on_grid
 from msls_ros.inputs.servo_lag import followed
@@ -68,11 +69,25 @@ def check_response(record: Record, configuration: Configuration) -> Iterator[Fin
         return
     scores = response.scores()
     best, none = int(np.argmin(scores)), len(scores) // 2
-    search = response.search()
-    far = search.beyond(response, float(scores[best]), at_end=best in (0, len(scores) - 1))
+    far = response.search().beyond(response, float(scores[best]), at_end=best in (0, len(scores) - 1))
     if far is not None:
         yield _far(record, response, far)
         return
+    mended, own = _mended(response, best - none)
+    yield from _own(record, response, own)
+    but = ", ".join(response.names[one.index] for one in own)
+    for found in _together(record, mended, configuration):
+        if not own or found.kind not in ("delay", "servo_lag"):
+            yield found
+        elif found.level != NOTE:
+            yield replace(found, what=f"but for {but}, {found.what}")
+
+
+def _together(record: Record, response: Response, configuration: Configuration) -> Iterator[Finding]:
+    """Yield what is said of surfaces that have one delay, of at most `Response.most` steps."""
+    scores = response.scores()
+    best, none = int(np.argmin(scores)), len(scores) // 2
+    search = response.search()
     lag = (best - none) * response.step
     explained = scores[none] - max(scores[best], 0.0)
     gain = explained / scores[none] if explained > _LEAST else 0.0
@@ -93,6 +108,35 @@ def check_response(record: Record, configuration: Configuration) -> Iterator[Fin
     else:
         bank = configuration.estimator.method == "bank"
         yield _delay(record, response, best - none, float(scores[best]), gain=gain, bank=bank)
+
+
+def _mended(response: Response, common: int) -> tuple[Response, list[OwnDelay]]:
+    """Return the surfaces at one delay, and those that have another; none, where then still no delay stands out."""
+    own = own_delays(response, common) if response.moves else []
+    mended = shifted(response, own)
+    scores = mended.scores()
+    best = int(np.argmin(scores))
+    if own and mended.search().shows(float(scores[best]), (best - len(scores) // 2) * response.step):
+        return mended, own
+    return response, []
+
+
+def _own(record: Record, response: Response, own: list[OwnDelay]) -> Iterator[Finding]:
+    """Yield what is said of surfaces whose delay is not that of the others, where it is not what the map says."""
+    streams = {n: s.stream for n, s in effectors_of(record).items()}
+    for one in own:
+        name, lag, apart = response.names[one.index], one.steps * response.step, one.steps - one.others
+        if abs(lag) < _WORTH:
+            continue
+        stream = streams[name]
+        alone = sum(s.source == stream.source for s in streams.values()) == 1
+        side, word = "early" if apart > 0 else "late", "after" if lag > 0.0 else "before"
+        what = f"stamped {1e3 * abs(apart) * response.step:.0f} ms too {side} against the other surfaces: the aircraft "
+        what += f"answers it {1e3 * abs(lag):.0f} ms {word} it moves as mapped; B is wrong by it"
+        mend = delay_words(-lag, 1e-9 * stream.delay, "its topic's line" if alone else "its own line")
+        if apart > 0:
+            mend += "; or servo= there, where it is a command that a servo slower than the others' follows"
+        yield Finding(DOUBTFUL, "delay", f"{_WHERE}.{name}", what, mend)
 
 
 def _delay(record: Record, response: Response, steps: int, left: float, *, gain: float, bank: bool) -> Finding:

@@ -184,7 +184,7 @@ class Response:
         x -= x.mean(axis=0)
         gram, side = x.T @ x, x.T @ y  # one pass over the samples; the residual needs no better conditioning
         known = len(x) * self.noise / (self.width * self.step)
-        weights = np.linalg.pinv(_less(gram, known), rcond=1e-12, hermitian=True) @ side
+        weights = np.linalg.pinv(corrected(gram, known), rcond=1e-12, hermitian=True) @ side
         scale = np.maximum(np.square(y).sum(axis=0), 1e-300)
         return float(np.mean(1.0 - (weights * side).sum(axis=0) / scale))
 
@@ -199,7 +199,7 @@ class Response:
         return np.abs(weights[: own.shape[1]]) * own.std(axis=0)[:, None], np.asarray((y - x @ weights).std(axis=0))
 
 
-def _less(gram: Array, noise: Array) -> Array:
+def corrected(gram: Array, noise: Array) -> Array:
     """Return the products of regressors less those of their noise, as much of it as leaves them positive definite."""
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     one, part = gram / np.outer(size, size), np.sqrt(noise) / size
