@@ -116,7 +116,7 @@ class _Shifts:
         self.step, self.count = response.step, held.shape[1]
         self.most = round((_FARTHEST + _LEAST) / self.step) + response.most
         inner = slice(self.most, len(slope) - self.most)
-        self.y, self.states = slope[inner] - slope[inner].mean(axis=0), states[inner] - states[inner].mean(axis=0)
+        self.y, self.states = _from_mean(slope[inner]), _from_mean(states[inner])
         self.held = held
         self.scale = np.maximum(np.square(self.y).sum(axis=0), 1e-300)
         ends = 2.0 * noise_of(response.turn) / (response.width * self.step) ** 2
@@ -243,6 +243,11 @@ class _Fixed:
     def _solved(self, gram: Array, side: Array, noise: Array) -> tuple[Array, Array]:
         weights = np.linalg.pinv(corrected(gram, noise), rcond=1e-12, hermitian=True) @ side
         return weights, np.asarray((weights * side).sum(axis=0) / self.scale)
+
+
+def _from_mean(values: Array) -> Array:
+    """Return columns (k, n) less their means; none of a log that is too short."""
+    return np.asarray(values - values.mean(axis=0)) if len(values) else values
 
 
 def _colour(residual: Array, lags: int) -> float:

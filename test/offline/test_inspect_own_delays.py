@@ -72,9 +72,7 @@ def inspected(bag: Path, capsys: pytest.CaptureFixture[str], delays: dict[str, s
     return [f for f in json.loads(capsys.readouterr().out)["findings"] if f["kind"] in ("delay", "servo_lag")]
 
 
-@pytest.mark.parametrize(
-    ("name", "late"), [("da", 0.1), ("da", -0.1), ("de", 0.1), ("dr", -0.1), ("dr", 0.1), ("da", 0.06)]
-)
+@pytest.mark.parametrize(("name", "late"), [("da", 0.06), ("de", 0.1), ("dr", -0.1)])
 def test_a_surface_stamped_late_or_early_alone_is_named_with_what_to_write(
     name: str, late: float, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
