@@ -69,8 +69,6 @@ class OwnDelay:
     """By which the aircraft answers it later than the map says; less than 0: earlier."""
     others: int
     """The same of the others."""
-    gain: float
-    """Share of the residual of its axis that is explained by it."""
 
 
 def own_delays(response: Response, common: int) -> list[OwnDelay]:
@@ -212,7 +210,7 @@ class _Shifts:
             return None
         if self._evidence(fixed, (index, steps), axis, float(usual[axis])) < _CHANCE:
             return None
-        return OwnDelay(index, steps, others, gain / float(usual[axis]))
+        return OwnDelay(index, steps, others)
 
     def _alone(self, index: int, fixed: _Fixed, steps: int) -> float:
         """Return the share of a surface's motion that states and other surfaces do not make up."""

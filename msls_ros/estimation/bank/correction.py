@@ -63,8 +63,9 @@ VAGUE = 0.25
 SHOWN = 10.0
 """By how much less of white noise, squared, is in what follows it: a servo of 20 rad/s at 100 Hz, ``2/.2`` [1].
 
-Through windows noise is in the residual as it is in the states: F-16, differentiated, seed 851, A from 1 to 4 s .08
-reliable, median |z| .25 -> .09, .27; covered alike. A transport model's first ten seconds: Q by de +-350 -> +-15.
+Through windows noise is in the residual as it is in the states: F-16, differentiated, seed 851, A from 1 to 4 s
+reliable .08 -> .09, median |z| .25 -> .27, covered alike. A transport model, ten seconds after a cold start: Q by de
++-355 -> +-15.
 """
 DETERMINED = 0.2
 """Share of a regressor's information that must be left without its noise: one alone leaves .56 and more."""

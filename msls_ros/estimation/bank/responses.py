@@ -34,9 +34,9 @@ to other regressors then, and every equation begins anew, as after an alarm. Wha
 is found by `bank.delay`, with deflections that have passed the response. Effects are those of the deflections that act.
 Until it is decided, what speaks for another response is in the bars (``response_doubt``): the share by which effects
 would be others with it, or by which deflections are off as they move (`RISE`), no more than its evidence over the
-decisive one. Afterwards `UNSHAPED` or `LAGLESS` is: a lag
-that is found is not the whole shape, a long delay without one is half of it, which gusts hide, and a short one may be
-what is wrong with a servo that was declared (`shape_doubt`).
+decisive one. Afterwards `UNSHAPED` or `LAGLESS` is: a lag that is found is not the whole shape, a long delay without
+one is half of it, which gusts hide, and a short one may be a lag, or what is wrong with a servo that was declared
+(`shape_doubt`).
 
 References
 ----------
