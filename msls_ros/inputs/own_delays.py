@@ -167,8 +167,10 @@ class _Shifts:
         return range(common - most, common + most + 1)
 
     def _best(self, index: int, delays: Steps, common: int) -> int:
-        fixed = self.beside(index, delays)
-        return min(self._range(common), key=lambda s: (float(self.left(fixed, (index, s)).mean()), abs(s - common)))
+        steps = self._range(common)
+        columns = np.column_stack([self.column(index, s) for s in steps])
+        left = self.beside(index, delays).left_by_each(columns, self.noise_held[index]).mean(axis=1)
+        return min(zip(left.tolist(), (abs(s - common) for s in steps), steps, strict=True))[2]
 
     def _seen(self, index: int, delays: Steps) -> bool:
         """Whether a surface explains something that is not chance."""
@@ -238,9 +240,21 @@ class _Fixed:
         side = np.concatenate([self._side, columns.T @ self.y])
         return self._solved(gram, side, np.concatenate([self.noise, noise]))
 
+    def left_by_each(self, columns: Array, noise: float) -> Array:
+        """Return the shares (c, axes) that are left with each of the columns (k, c) alone, of this noise."""
+        p, count = len(self.noise), columns.shape[1]
+        gram = np.empty((count, p + 1, p + 1))
+        gram[:, :p, :p] = self._gram
+        gram[:, p, :p] = gram[:, :p, p] = columns.T @ self.x
+        gram[:, p, p] = np.square(columns).sum(axis=0)
+        side = np.empty((count, p + 1, self.y.shape[1]))
+        side[:, :p] = self._side
+        side[:, p] = columns.T @ self.y
+        return 1.0 - self._solved(gram, side, np.append(self.noise, noise))[1]
+
     def _solved(self, gram: Array, side: Array, noise: Array) -> tuple[Array, Array]:
         weights = np.linalg.pinv(corrected(gram, noise), rcond=1e-12, hermitian=True) @ side
-        return weights, np.asarray((weights * side).sum(axis=0) / self.scale)
+        return weights, np.asarray((weights * side).sum(axis=-2) / self.scale)
 
 
 def _from_mean(values: Array) -> Array:

@@ -200,9 +200,24 @@ class Response:
 
 
 def corrected(gram: Array, noise: Array) -> Array:
-    """Return the products of regressors less those of their noise, as much of it as leaves them positive definite."""
-    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
-    one, part = gram / np.outer(size, size), np.sqrt(noise) / size
-    most = float(np.linalg.eigvalsh(part[:, None] * np.linalg.pinv(one, rcond=1e-12, hermitian=True) * part)[-1])
-    share = min(1.0, _PART / most) if most > 0.0 else 1.0
-    return np.asarray((one - share * np.diag(part * part)) * np.outer(size, size))
+    """Return the products of regressors less those of their noise, as much of it as leaves them positive definite.
+
+    Parameters
+    ----------
+    gram
+        (..., p, p) products.
+    noise
+        (p,) of each regressor.
+
+    Returns
+    -------
+    ndarray
+        (..., p, p)
+    """
+    size = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 1e-300))
+    scale = size[..., :, None] * size[..., None, :]
+    one, part = gram / scale, np.sqrt(noise) / size
+    inverse = np.linalg.pinv(one, rcond=1e-12, hermitian=True)
+    most = np.linalg.eigvalsh(part[..., :, None] * inverse * part[..., None, :])[..., -1]
+    share = np.where(most > _PART, _PART / np.maximum(most, 1e-300), 1.0)
+    return np.asarray((one - share[..., None, None] * (part * part)[..., None] * np.eye(len(noise))) * scale)
