@@ -54,7 +54,7 @@ class BankRegression:
         """(r,) variance of the noise in the states, the first regressors, as these; 0 where it is not known."""
         self._work = make_bank_work(settings, rows)
         self._observed = np.zeros(0), make_noise(0, rows)
-        self._advance = Bound(advance_bank)
+        self._advance, self._lateness = Bound(advance_bank), Bound(lateness)
         self.reset()
 
     def reset(self) -> None:
@@ -221,7 +221,7 @@ class BankRegression:
         back = float(x.delay[MOMENTS, 0]) + float(s.responses[x.response[0], 1] * s.late)
         best = int(np.argmax(x.response_evidence))
         lead = float(x.response_evidence[best])
-        apart = lateness(s, x, best) - back * s.period - self.lag
+        apart = self._lateness(s, x, best) - back * s.period - self.lag
         doubt = 0.0 if lead <= 0.0 else (1.0 - exponential(-lead)) * apart
         own = share * s.late * s.period
         return back * s.period, math.sqrt(own * own + doubt * doubt)
