@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import math
 
-from msls_ros.estimation.bank.attenuation import doubt
+from msls_ros.estimation.bank.attenuation import LEAST, doubt
 from msls_ros.estimation.bank.delay import deflection_of
 from msls_ros.estimation.bank.effector_noise import rounding_noise
 from msls_ros.estimation.bank.energy import FIRST
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import common_square
+from msls_ros.estimation.bank.together import ANEW, KNOWN
+from msls_ros.estimation.bank.uncertainty import HIDDEN, common_square
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
 BY_NOISE = 9.0
 """Squared standard deviations of the noise in a deflection beyond which it is motion."""
+NOISE_ALONE = 2.0
+"""`BankState.widened` of a coefficient of whose information half is noise."""
 FURTHER = 4.0
 """Squared deviation over the energy remembered from which a regressor goes further than usual."""
 
@@ -119,9 +122,9 @@ def moved_square(s: BankSettings, x: BankState, q: int) -> float:
     total = 0.0
     for i in range(1, x.quick.shape[0]):
         now = x.quick[i] * x.quick[i]
-        if now > noise_limit(s, x, i):
-            square = x.square_moved[q, i]
-            if now > first_limit(s, x, i, FIRST):
+        if now > noise_limit(s, x, i) or x.together[0] != KNOWN:
+            square = x.square_moved[q, i] if x.together[0] == KNOWN else open_square(s, x, q, i)
+            if now > first_limit(s, x, i, FIRST) or x.together[0] == ANEW:
                 square *= doubt(s, x, i)
             if x.alert[0] > 0:
                 square = min(square, x.square_past[1, q, i])
@@ -130,6 +133,21 @@ def moved_square(s: BankSettings, x: BankState, q: int) -> float:
                 square = shares + x.shapes[0, s.row_axis[q]] * (square - shares)
             total += now * square
     return total
+
+
+@compiled
+def open_square(s: BankSettings, x: BankState, q: int, i: int) -> float:
+    """Return `BankState.square_moved` of an effector with all that noise in the regressors makes wider.
+
+    Where that is most of what has taught its effect nothing is known of it, for the noise is not known so well.
+    """
+    square = x.square_moved[q, i]
+    if not s.effectors_from < i <= s.effectors_to or square == math.inf:
+        return float(square)
+    if x.widened[q, i] > NOISE_ALONE:
+        return float(square / (LEAST * LEAST))
+    counted = min(x.widened[q, i], HIDDEN) if s.straddle == 0 else 1.0
+    return float(min(square * max(x.widened[q, i] / counted, 1.0), max(x.carried[q, i], square)))
 
 
 @compiled

@@ -77,6 +77,7 @@ from msls_ros.estimation.bank.fed_noise import observe_followers
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.statistics import change_of, mean_change_of, remember_mean, remember_square
+from msls_ros.estimation.bank.together import observe_together
 from msls_ros.estimation.bank.waiting import begins_to_move, wait_for_motion
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
@@ -120,6 +121,7 @@ def sense_bank(
     longitudinal = 0.0
     lateral = 0.0
     novelty = observe_novelty(s, x, phi)
+    observe_together(s, x)
     learning = x.learning[0] > 0 or begins_to_move(s, x)
     expected = 1.0
     axial = 0.0

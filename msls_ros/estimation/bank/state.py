@@ -138,6 +138,11 @@ class BankState(NamedTuple):
     """(1,) weighted number of samples in the sums that follow."""
     moment: Array
     """(p, p) weighted sums of products of the first, lower triangle."""
+    together: Integers
+    """(1,) whether effectors move together as they have not lately, see `bank.together`."""
+    together_factor: Array
+    together_moves: Array
+    """Scratch of it: (c, c) Cholesky factor of the effectors' moments, and (c,)."""
     quick_moment: Array
     """(c, p) sums of products of these steps with the regressors."""
     predictors: Array

@@ -56,11 +56,13 @@ from msls_ros.estimation.bank.correction import correct
 from msls_ros.estimation.bank.effector_noise import measured_noise
 from msls_ros.estimation.bank.elsewhere import (
     distance_from_mean,
+    distance_from_place,
     elsewhere_square,
     inertial_square,
     speed_from_best,
     speed_from_mean,
     turn_from_mean,
+    turned_square,
 )
 from msls_ros.estimation.bank.fed_noise import follows_noise
 from msls_ros.estimation.bank.feedback import find_feedback
@@ -236,7 +238,7 @@ def direct_squares(
         squares[i] += stays * stays
         squares[i] += withheld_square(s, x, q, i, leader, variance / x.known[q, i])
         squares[i] += disagreement(s, x, q, i) + lag_square(x, q, i) + x.feedback_square[q, i]
-        squares[i] += elsewhere_square(s, x.mixed[q, i], i, away, apart)
+        squares[i] += elsewhere_square(s, x.mixed[q, i], i, away, apart) + turned_square(s, x, q, i, away)
         if s.coupled[q + 1, i] >= 0:
             squares[i] += inertial_square(s, x, q, i, turn_from_mean(s, x, q, s.coupled[q + 1, i], leader))
     widen(s, x, q, leader, bias, squares)
@@ -335,7 +337,7 @@ def square_since_best(s: BankSettings, x: BankState, q: int, i: int) -> float:
         step = x.place[j] - x.best_place[q, i, j]
         away += step * step
     apart = speed_from_best(s, x, q, i)
-    square = elsewhere_square(s, x.best[q, i], i, away, apart)
+    square = elsewhere_square(s, x.best[q, i], i, away, apart) + turned_square(s, x, q, i, away)
     other = s.coupled[q + 1, i]
     if other >= 0:
         place = s.velocities.shape[0] + other
@@ -473,6 +475,7 @@ def bank_errors(
         correct(s, x, q, leader, noise, bias, errors)
     find_changes(s, x, q)
     sum_square = 0.0
+    here = distance_from_place(s, x, phi)
     for i in range(p):
         value = x.mixed[q, i] + x.shift[q, i] - x.best_correction[q, i]
         carried = carried_square(s, x, q, i, value)
@@ -483,6 +486,7 @@ def bank_errors(
     for i in range(p):
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
         square = errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i) + x.window_change[i]
+        square += elsewhere_square(s, x.mixed[q, i], i, here, 0.0) + turned_square(s, x, q, i, here)
         if i <= s.effectors_from:
             square += delay_square(s, x, q, i, phi)
         square *= power * power

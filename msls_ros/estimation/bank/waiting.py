@@ -1,4 +1,4 @@
-"""Alarms wait while an effector that no output has answered may have begun to move, see `bank.detection`."""
+"""Alarms wait while effectors that no output has answered may have begun to move, see `bank.detection`."""
 
 from __future__ import annotations
 
