@@ -15,8 +15,8 @@ some degrees apart (`distance_from_place`).
 References
 ----------
 Etkin and Reid, *Dynamics of Flight: Stability and Control*, 3rd ed., 1996, section 4.13 (derivatives in other body
-axes). Atkeson, Moore and Schaal, "Locally weighted learning", Artif. Intell. Rev. 11 (1997) (what is known is known about
-where it was learnt).
+axes). Atkeson, Moore and Schaal, "Locally weighted learning", Artif. Intell. Rev. 11 (1997) (what is known is known
+about where it was learnt).
 """
 
 from __future__ import annotations
