@@ -35,10 +35,10 @@ SHAPES = ("doublets", "holds", "3-2-1-1", "multisine", "pilot")
 LATE = 3.0
 """After a loss an alarm is one of it for so long, from then on that of what was not seen [s]."""
 PATHS = ("direct", "differentiated")
-RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped", "vane", "old velocity")
+RECORDS = ("as drawn", "coarse", "late", "slow", "held", "damped", "vane", "old velocity", "elevons")
 """As drawn; deflections recorded in steps of `COARSE`; `BEHIND` late; commands to servos of `SLOW`; deflections
 measured for every `HELD` rows; dampers that are fed the measured rates, noise and all, and `REST` before an input; a
-velocity that lags by `LAG`, or is that of `BEHIND` ago."""
+velocity that lags by `LAG`, or is that of `BEHIND` ago; aircraft that two elevons roll and pitch (`with_elevons`)."""
 COARSE, BEHIND, SLOW, HELD = float(np.radians(0.1)), 0.02, 6.0, 3
 """[rad], [s] (a sample at least), [rad/s], [rows]"""
 DAMPED, REST = 1.0, 20.0
@@ -78,6 +78,8 @@ class Linear:
     time: float
     damped: bool = False
     """Whether what is fed back has the noise that is recorded, after `REST`."""
+    mix: Array | None = None
+    """(m, m) what a pilot's commands, one for each rate, make of the effectors; None: an effector each."""
 
 
 def draw(random: np.random.Generator) -> Linear:
@@ -119,6 +121,27 @@ def draw(random: np.random.Generator) -> Linear:
         int(random.integers(m)) if random.integers(2) else -1,
         float(random.choice([0.0, 0.3, 0.5])),
         u(50.0, 75.0),
+    )
+
+
+def with_elevons(one: Linear, random: np.random.Generator) -> Linear:
+    """Return an aircraft of that pace and speed that two elevons pitch together and roll apart."""
+    u, square = random.uniform, one.pace * one.pace
+    a = [
+        [-u(0.5, 1.5) * one.pace, one.speed, 0.0],
+        [-u(1.0, 5.0) * square / one.speed, -u(0.7, 2.0) * one.pace, 0.0],
+        [0.0, 0.0, -u(1.5, 4.0) * one.pace],
+    ]
+    lift, pitch, roll = -u(0.01, 0.08) * one.speed * one.pace, -u(2.0, 8.0) * square, u(3.0, 15.0) * square
+    return replace(
+        one,
+        states=("w", "Q", "P"),
+        effectors=("left", "right"),
+        a=np.array(a),
+        b=np.array([[lift, lift], [pitch, pitch], [roll, -roll]]),
+        size=0.7 * u(0.02, 0.12, 2),
+        lost=-1 if one.lost < 0 else int(random.integers(2)),
+        mix=np.array([[1.0, 1.0], [1.0, -1.0]]),
     )
 
 
@@ -168,6 +191,8 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
     dt = 1.0 / (one.rate * steps)
     x, u, gust = np.zeros(len(one.states)), np.zeros(m), 0.0
     late = [np.zeros(m)] * (round(one.delay / dt) + 1)
+    mix = np.eye(m) if one.mix is None else one.mix
+    axes = one.b @ mix
     b, push = one.b.copy(), one.gusts * GUST * one.speed * np.sqrt(2.0 * GUST_PACE * dt)
     seen, slopes, moved = np.zeros((n, len(x))), np.zeros((n, len(x))), np.zeros((n, m))
     of_states = np.array([NOISE["velocity"] * one.speed, *[NOISE["rate"]] * (len(x) - 1)])
@@ -177,7 +202,8 @@ def fly(one: Linear, random: np.random.Generator) -> tuple[Array, Array, Array, 
             b[:, one.lost] = one.b[:, one.lost] * one.left
         command = wanted[k].copy()
         for j in range(m):
-            command[j] -= one.feedback * (x[j + 1] + fed[k, j + 1]) / one.b[j + 1, j] * abs(one.a[j + 1, j + 1])
+            command[j] -= one.feedback * (x[j + 1] + fed[k, j + 1]) / axes[j + 1, j] * abs(one.a[j + 1, j + 1])
+        command = mix @ command
         air = x.copy()
         air[0] += gust
         seen[k], slopes[k] = x, b @ u + one.a @ air
@@ -246,6 +272,8 @@ def judge(job: tuple[int, str, str]) -> Row:
         one = replace(one, servo=SLOW, commands=True)
     if record == "damped":
         one = replace(one, damped=True, feedback=max(one.feedback, DAMPED))
+    if record == "elevons":
+        one = with_elevons(one, random)
     configuration, flight = configure(one), keep(record, one, fly(one, random))
     straddle = 0 if path == "direct" else usual_intervals(one.rate)
     samples = differentiate(one, flight, HELD if record == "held" else 1) if straddle else flight

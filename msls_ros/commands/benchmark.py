@@ -125,11 +125,11 @@ def _add_errors(commands: Commands) -> None:
     linear.add_argument("--first-seed", type=seed, default=1000, help="(default: 1000)")
     linear.add_argument(
         "--record",
-        choices=("as drawn", "coarse", "late", "slow", "held", "damped", "vane", "old velocity"),
+        choices=("as drawn", "coarse", "late", "slow", "held", "damped", "vane", "old velocity", "elevons"),
         default="as drawn",
         help="deflections in steps of .1 deg; 20 ms late; commands to servos of 6 rad/s; deflections measured in every "
         "third row; dampers that are fed the measured rates, and 20 s of rest; a velocity that lags by 50 ms, or is 20 "
-        "ms old (default: as drawn)",
+        "ms old; aircraft with two elevons (default: as drawn)",
     )
     for command in (calibration, accuracy):
         command.add_argument("--seeds", type=count, default=1, help="flights of each bed (default: 1)")
