@@ -1,9 +1,9 @@
 """Effectors that move together as they have not lately: what is not known of it may not be called a change.
 
 Elevons that a law has only moved together have each gone as far as they ever will when they first go apart in roll, and
-the roll that they make is known to nobody: ``18 +- 43``, where nothing but the noise of their records has
-set them apart. So all effectors are looked at together: the squared size of their motion h, in units of its own covariance C
-of the last seconds, is chi-square of as many degrees of freedom n as they are, and as rare as the square of a normal
+the roll that they make is known to nobody: ``18 +- 43``, where nothing but the noise of their records has set them
+apart. So all effectors are looked at together: the squared size of their motion h, in units of its own covariance C of
+the last seconds, is chi-square of as many degrees of freedom n as they are, and as rare as the square of a normal
 deviate z where::
 
     h' C^-1 h / n > (1 - 2/(9n) + z sqrt(2/(9n)))^3
