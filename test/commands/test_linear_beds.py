@@ -120,7 +120,9 @@ def test_what_a_record_does_to_deflections_or_velocity_is_done_to_nothing_else()
         assert kept[0] is flight[0] and kept[2] is flight[2]
         assert np.array_equal(kept[1][:, 1:], flight[1][:, 1:])
         assert np.array_equal(kept[1][:, 0], flight[1][:, 0]) != of_velocity
-        assert np.array_equal(kept[3], flight[3]) == (of_velocity or record in ("as drawn", "slow", "damped", "elevons"))
+        assert np.array_equal(kept[3], flight[3]) == (
+            of_velocity or record in ("as drawn", "slow", "damped", "elevons")
+        )
     assert np.abs(keep("coarse", one, flight)[3] - flight[3]).max() <= 0.5 * COARSE + 1e-12
 
 
