@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from msls_ros.estimation import Identifier, from_mapping
-from msls_ros.estimation.bank.elsewhere import REACH_EFFECTORS, turned_square
+from msls_ros.estimation.bank.elsewhere import REACH_STATES, turned_square
 from msls_ros.estimation.bank.regression import BankRegression
 
 STATES = ("u", "v", "w", "P", "Q", "R")
@@ -62,6 +62,7 @@ def test_what_is_published_is_for_the_velocity_of_its_stamp() -> None:
     place = 50.0 * engine.state.place[:2]
     here = identifier.estimate(10.0, np.array([*place, 0.0]))
     there = identifier.estimate(10.0, np.array([place[0] + 6.0, place[1], 0.0]))
-    assert here.b[2, 0] == pytest.approx(20.0, abs=3.0 * here.b_std[2, 0])
-    assert there.b_std[2, 0] == pytest.approx(abs(there.b[2, 0]) * 6.0 / 50.0 / REACH_EFFECTORS, rel=0.1)
-    assert there.b_std[2, 0] > 5.0 * here.b_std[2, 0]
+    assert here.a[2, 2] == pytest.approx(-3.0, abs=3.0 * here.a_std[2, 2])
+    assert there.a_std[2, 2] == pytest.approx(abs(there.a[2, 2]) * 6.0 / 50.0 / REACH_STATES, rel=0.1)
+    assert there.a_std[2, 2] > 5.0 * here.a_std[2, 2]
+    assert there.b_std[2, 0] == pytest.approx(here.b_std[2, 0]), "an effector's moment is not held against the stamp"

@@ -138,7 +138,7 @@ def test_deflections_that_are_held_are_no_losses_and_b_is_right(seed: int) -> No
     assert 0.6 * len(flight[0]) < identifier.repeated < 0.7 * len(flight[0])
     last = run.estimates[-1]
     inside = np.abs(last.b - b) <= 1.96 * last.b_std
-    assert any(one.b_reliable.any() for one in run.estimates[-round(rate) :]), "at some velocity of the last second"
+    assert last.b_reliable.sum() > 0
     assert inside[last.b_reliable].all()
 
 
@@ -149,7 +149,7 @@ def test_states_that_are_held_bias_nothing_and_no_row_is_passed_over(every: int)
     run = identifier.run(time, x[np.arange(len(time)) // every * every], slopes, moved)
     last = run.estimates[-1]
     assert (identifier.learning_rate, identifier.repeated, identifier.held) == (rate, 0, ("v", "P", "R"))
-    assert any(one.b_reliable.any() for one in run.estimates[-round(rate) :]), "at some velocity of the last second"
+    assert last.b_reliable.sum() > 0
     assert (np.abs(last.b - b) <= 1.96 * last.b_std)[last.b_reliable].all()
 
 

@@ -486,7 +486,9 @@ def bank_errors(
     for i in range(p):
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
         square = errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i) + x.window_change[i]
-        square += elsewhere_square(s, x.mixed[q, i], i, here, 0.0) + turned_square(s, x, q, i, here)
+        square += turned_square(s, x, q, i, here)
+        if i <= s.effectors_from:
+            square += elsewhere_square(s, x.mixed[q, i], i, here, 0.0)
         if i <= s.effectors_from:
             square += delay_square(s, x, q, i, phi)
         square *= power * power
