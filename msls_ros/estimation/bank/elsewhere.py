@@ -9,9 +9,9 @@ the body's axes, the derivatives of the force have turned with it, of rows and o
 ``dB = a J B`` with J the turn by a right angle. What X by w changes by is ``a`` of Z by w, and no share of itself
 (`turned_square`).
 
-What is published of states and forces is for the velocity of its stamp, and ``place`` is the mean of half a second: in a
-pull-up these are some degrees apart (`distance_from_place`). Effectors' moments go less with the angle of attack: of a
-canard jet's B .996 was covered in manoeuvres either way.
+What is published of states and forces is for the velocity of its stamp, and ``place`` is the mean of half a second: in
+a pull-up these are some degrees apart (`distance_from_place`). Effectors' moments go less with the angle of attack: of
+a canard jet's B .996 was covered in manoeuvres either way.
 
 References
 ----------
