@@ -19,9 +19,10 @@ import math
 
 from msls_ros.estimation.bank.batches import shift_batches
 from msls_ros.estimation.bank.changes import begin_window
+from msls_ros.estimation.bank.effects import effect_of, square_of_effect
 from msls_ros.estimation.bank.feedback import forget_feedback
 from msls_ros.estimation.bank.loop_settings import BankSettings
-from msls_ros.estimation.bank.losses import KNOWN, effect_of, noise_of, square_of_effect
+from msls_ros.estimation.bank.losses import KNOWN, noise_of
 from msls_ros.estimation.bank.members import find_information
 from msls_ros.estimation.bank.residual import residual_variance
 from msls_ros.estimation.bank.state import BankState

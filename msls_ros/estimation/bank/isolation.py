@@ -24,7 +24,8 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from msls_ros.estimation.bank.losses import APART, EXPLAINED, RIVAL
+from msls_ros.estimation.bank.isolability import RIVAL
+from msls_ros.estimation.bank.losses import APART, EXPLAINED
 from msls_ros.estimation.isolation import PLAUSIBLE
 from msls_ros.estimation.sections import IsolationParameters
 from msls_ros.estimation.surfaces import Surface

@@ -17,6 +17,8 @@ more than any other surface, than any single state, and than the error of anothe
 what has a direction of its own alarms: model errors that no surface explains do not. What noise in the states makes of
 D, `bank.noise_moves` takes off first; errors of the older estimates `bank.loss_reference`.
 
+Surfaces that are too alike to be told from one another are no rivals (`bank.isolability`).
+
 Several memories are looked at, each with its own limits (`bank.settings.LOSSES`): after a loss that only dither shows c
 grows as ``1 - exp(-t / memory)`` of it, so a short one says most of it soon, where there is little noise, and a long
 one averages more.
@@ -50,7 +52,9 @@ import math
 
 from msls_ros.estimation.bank.drag import is_drag
 from msls_ros.estimation.bank.effector_noise import resting_noise, slow_noise
+from msls_ros.estimation.bank.effects import effect_of, square_of_effect
 from msls_ros.estimation.bank.incidence import discount_incidence
+from msls_ros.estimation.bank.isolability import RIVAL, find_overlaps, is_alike
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten, whiten_directions
@@ -79,8 +83,6 @@ EXPLAINED = 0.4
 """Least share of the change that the loss explains."""
 APART = 9.0
 """By how much it explains more than the next surface, at least."""
-RIVAL = 0.75
-"""Largest share of what it explains that another surface may: model errors grow with what has changed."""
 KNOWN = 0.5
 """Largest relative standard error of an effect of which it is asked, after an alarm, what is left [1]."""
 KNOWN_WELL = 0.2
@@ -174,13 +176,37 @@ def stirs(work: BankWork, limit: float) -> bool:
 
 @compiled
 def seen_loss(s: BankSettings, x: BankState, a: int, before: Array, square: Array, work: BankWork) -> int:
-    """Return the surface whose loss is seen in member a now, by older estimates (r, p) with their squared errors."""
-    excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, s.straddle > 0, work)
-    k = find_loss(s, work, excess, s.loss_limits[a, 0])
+    """Return the surface whose loss is seen in member a now, by older estimates (r, p) with their squared errors.
+
+    Which others it cannot be told from, `BankWork.overlap` says then (`is_alike`).
+    """
+    k = compare_and_find(s, x, a, before, square, s.straddle > 0, work)
     if k >= 0 and s.straddle == 0:
-        excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, True, work)
-        k = find_loss(s, work, excess, s.loss_limits[a, 0])
+        k = compare_and_find(s, x, a, before, square, True, work)
     return k
+
+
+@compiled
+def compare_and_find(
+    s: BankSettings, x: BankState, a: int, before: Array, square: Array, discounted: bool, work: BankWork
+) -> int:
+    """Return the surface whose loss explains what changed of member a; negative: none does.
+
+    Where nothing but other surfaces speaks against the one that explains most, those which it cannot be told from do
+    not count.
+    """
+    limit = s.loss_limits[a, 0]
+    excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, discounted, work)
+    k = find_loss(s, work, excess, limit)
+    if k >= 0:
+        return k
+    best = most_explained(work)
+    if not is_loss(s, work, best, 0.0, excess, limit):
+        return -1
+    work.asked[0] = best
+    excess = compare_surfaces(s, x, a, before, square, KNOWN_WELL, True, discounted, work)
+    work.asked[0] = -1
+    return find_loss(s, work, excess, limit)
 
 
 @compiled
@@ -189,21 +215,34 @@ def find_loss(s: BankSettings, work: BankWork, excess: float, limit: float) -> i
 
     Its effect must have changed by more than ``limit`` standard errors.
     """
-    best = 0
+    best = most_explained(work)
     second = 0.0
+    for k in range(work.change.shape[0]):
+        if k != best and work.explained[k] > second and not is_alike(work, best, k):
+            second = work.explained[k]
+    return best if is_loss(s, work, best, second, excess, limit) else -1
+
+
+@compiled
+def most_explained(work: BankWork) -> int:
+    """Return the surface whose loss explains most, after `compare_surfaces`."""
+    best = 0
     for k in range(1, work.change.shape[0]):
         if work.explained[k] > work.explained[best]:
             best = k
-    for k in range(work.change.shape[0]):
-        if k != best and work.explained[k] > second:
-            second = work.explained[k]
+    return best
+
+
+@compiled
+def is_loss(s: BankSettings, work: BankWork, best: int, second: float, excess: float, limit: float) -> bool:
+    """Whether what the best surface explains is its loss: ``second`` is the most that another explains."""
     for j in range(work.by_error.shape[0]):
         if s.gains[best, j] == 0.0 and work.by_error[j] > second:
             second = work.by_error[j]
     least = max(max(EXPLAINED * excess, second + APART), max(second / RIVAL, work.by_state[0]))
     if work.explained[best] <= least or work.deviation[best] <= limit:
-        return -1
-    return best if -MOST <= work.change[best] <= -LEAST else -1
+        return False
+    return bool(-MOST <= work.change[best] <= -LEAST)
 
 
 @compiled
@@ -277,7 +316,8 @@ def compare_surfaces(
     discounted
         Whether what may be errors of effects that were not known is discounted (`bank.loss_reference`).
     work
-        ``concerned`` says which rows to take; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
+        ``concerned`` says which rows to take, ``asked`` of which surface to find ``overlap`` (k,), the information
+        about its loss and each other's at once; ``change``, ``variance``, ``deviation``, ``explained`` (k,),
         ``by_state`` and ``information`` (r, k) are filled in.
 
     Returns
@@ -332,6 +372,8 @@ def compare_surfaces(
                 compare_row(s, x, a, n, before, square, q, k, known, work)
             if not scattered:
                 discount_incidence(s, x, n, effect_of(s, before[q], k), q, k, work)
+        if work.asked[0] >= 0:
+            find_overlaps(s, n, before[q], q, work)
     for k in range(s.gains.shape[0]):
         combine_rows(work, work.against, work.information, k)
         finish(work, k)
@@ -347,6 +389,7 @@ def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
         work.change[k] = 0.0
         work.variance[k] = 0.0
         work.explained[k] = 0.0
+        work.overlap[k] = 0.0
     for i in range(work.by_state.shape[0]):
         work.by_state[i] = 0.0
     for j in range(work.by_error.shape[0]):
@@ -483,25 +526,6 @@ def is_known(s: BankSettings, x: BankState, q: int, k: int) -> bool:
     """Whether the effect of surface k in row q was known before its alarm, so that what is left of it may be named."""
     effect = effect_of(s, x.theta_before[q], k)
     return bool(square_of_effect(s, x.square_before[q], k) < KNOWN * KNOWN * effect * effect)
-
-
-@compiled
-def effect_of(s: BankSettings, theta: Array, k: int) -> float:
-    """Effect of surface k by itself in a row with estimates (p,), constant first."""
-    effect = 0.0
-    for j in range(s.shares.shape[1]):
-        effect += s.shares[k, j] * theta[s.effectors_from + 1 + j]
-    return effect
-
-
-@compiled
-def square_of_effect(s: BankSettings, square: Array, k: int) -> float:
-    """Squared standard error of that, of (p,) squared standard errors."""
-    total = 0.0
-    for j in range(s.shares.shape[1]):
-        if s.shares[k, j] != 0.0:
-            total += s.shares[k, j] * s.shares[k, j] * square[s.effectors_from + 1 + j]
-    return total
 
 
 @compiled

@@ -24,6 +24,7 @@ from msls_ros.estimation.bank.energy import observe_energy
 from msls_ros.estimation.bank.feedback import forget_feedback, observe_feedback
 from msls_ros.estimation.bank.forgetting import apply_loss, keep_states
 from msls_ros.estimation.bank.gusts import forget_gusts, observe_gusts
+from msls_ros.estimation.bank.isolability import is_alike
 from msls_ros.estimation.bank.lags import KEEP, observe_inputs
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import observe_regressors
@@ -45,7 +46,7 @@ from msls_ros.estimation.bank.shrinkage import hold_prediction, shrink
 from msls_ros.estimation.bank.speed import last_value, power_of, ratio_of, scale_regressors, speed_of
 from msls_ros.estimation.bank.start import clear_factors
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.suspects import find_suspects, suspect_surface
+from msls_ros.estimation.bank.suspects import find_suspects, suspect_surfaces
 from msls_ros.estimation.bank.uncertainty import keep_best, square_of_change
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
@@ -155,8 +156,11 @@ def advance_bank(
         if s.detect and s.gains.shape[0] > 0 and x.samples[0] % EVERY == 0 and not any_alarm:
             lost = sense_losses(s, x, work)
             if lost >= 0:
-                suspect_surface(s, x, lost)
+                suspect_surfaces(s, x, lost, work)
                 apply_loss(s, x, lost, work.change[lost], 1.0, work)
+                for k in range(s.gains.shape[0]):
+                    if is_alike(work, lost, k):
+                        apply_loss(s, x, k, 0.0, 1.0, work)
                 for q in range(x.group.shape[0]):
                     forget_predictors(x, q)
                 mark_alarm(s, x, lost, work, out.statistic[n], out.alarm[n])

@@ -243,6 +243,8 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         correction=np.zeros((rows, p)),
         best_correction=np.zeros((rows, p)),
         speed_logarithm=np.zeros((2, p)),
+        pulled=np.zeros(p),
+        vague=np.zeros(p),
         since_best=np.zeros(p),
         columns=np.zeros((p, p)),
         removed=np.zeros(p),

@@ -371,6 +371,10 @@ class BankState(NamedTuple):
     """(2, p) the last ratios of speeds of `bank.elsewhere`, and their logarithms: those are slow."""
     since_best: Array
     """(p,) scratch of `bank.uncertainty.keep_best`."""
+    pulled: Array
+    """(p,) scratch: what noise of the deflections has made of a row's last estimates, the middle of it."""
+    vague: Array
+    """(p,) scratch: by how much that may be more or less."""
     columns: Array
     """Scratch of `bank.correction`: (p, p) columns of the inverse information, of what has noise."""
     removed: Array

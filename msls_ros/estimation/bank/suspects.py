@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from msls_ros.estimation.bank.isolability import is_alike
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.state import BankState
+from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array, Integers
 
@@ -47,10 +49,13 @@ def suspect(s: BankSettings, x: BankState, j: int) -> None:
 
 
 @compiled
-def suspect_surface(s: BankSettings, x: BankState, k: int) -> None:
-    """Note the effectors of surface k, whose loss alarms."""
+def suspect_surfaces(s: BankSettings, x: BankState, lost: int, work: BankWork) -> None:
+    """Note the effectors of the surface whose loss alarms, and of those that it cannot be told from."""
     for j in range(x.suspected.shape[0]):
-        x.suspected[j] = 1 if s.gains[k, j] != 0.0 else 0
+        x.suspected[j] = 0
+        for k in range(s.gains.shape[0]):
+            if s.gains[k, j] != 0.0 and (k == lost or is_alike(work, lost, k)):
+                x.suspected[j] = 1
 
 
 @compiled

@@ -28,12 +28,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from msls_ros.estimation.bank.effects import effect_of
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import (
     KNOWN_WELL,
     TOLERANCE,
     compare_surfaces,
-    effect_of,
     find_directions,
     noise_of,
 )

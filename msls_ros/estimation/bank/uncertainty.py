@@ -51,9 +51,9 @@ import math
 
 from msls_ros.estimation.bank.attenuation import attenuation, doubt, widen
 from msls_ros.estimation.bank.batches import batch_square, observe_batches
-from msls_ros.estimation.bank.changes import find_changes
+from msls_ros.estimation.bank.changes import VAGUE, find_changes
 from msls_ros.estimation.bank.correction import correct
-from msls_ros.estimation.bank.effector_noise import measured_noise
+from msls_ros.estimation.bank.effector_noise import measured_noise, most_noise
 from msls_ros.estimation.bank.elsewhere import (
     distance_from_mean,
     distance_from_place,
@@ -66,6 +66,7 @@ from msls_ros.estimation.bank.elsewhere import (
 )
 from msls_ros.estimation.bank.fed_noise import follows_noise
 from msls_ros.estimation.bank.feedback import find_feedback
+from msls_ros.estimation.bank.isolability import instead_square
 from msls_ros.estimation.bank.lags import (
     KEEP,
     find_late_square,
@@ -74,7 +75,7 @@ from msls_ros.estimation.bank.lags import (
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.mixing import sum_members
 from msls_ros.estimation.bank.residual import autocorrelation, residual_variance
-from msls_ros.estimation.bank.rest import unanswered_noise
+from msls_ros.estimation.bank.rest import KNOWN, unanswered_noise, was_answered
 from msls_ros.estimation.bank.speed import power_of, ratio_of, slope_by_speed, speed_of
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.suspects import suspect_square
@@ -216,6 +217,7 @@ def direct_squares(
     """Squared standard errors by what the members know now, (p,) out, constant first; False while too few tell."""
     p = squares.shape[0]
     age = x.age[x.group[q]]
+    find_pulled(s, x, q)
     free = age - learnt_from_data(s, x, q, leader) - 2.0
     if x.residual[q, 0] <= 0.0 or free <= 0.0:  # an output that has never done anything has said nothing
         for i in range(p):
@@ -288,14 +290,61 @@ def disagreement(s: BankSettings, x: BankState, q: int, i: int) -> float:
     m, g = s.recent, x.group[q]
     info = x.info[g, i, m]
     motion = 1.0
+    difference = x.members[q, i, m] - x.mixed[q, i]
     if s.effectors_from < i <= s.effectors_to:
         motion -= x.taken[g, m] * unanswered_noise(s, x, i - s.effectors_from - 1) / info
         if motion < LEARNT:
             return 0.0
-    difference = (x.members[q, i, m] - motion * x.mixed[q, i]) / motion
+        if is_known_best(x, q, i):
+            difference = max(abs(difference + x.pulled[i]) - abs(x.vague[i]), 0.0) / motion
+        else:
+            difference = difference / motion + (1.0 - motion) / motion * x.mixed[q, i]
     chance = CHANCE * residual_variance(x, q) / (info * motion)
     share = CONTRADICTED if s.straddle == 0 else CONTRADICTED_THROUGH
     return float(share * max(difference * difference - chance, 0.0))
+
+
+@compiled
+def is_known_best(x: BankState, q: int, i: int) -> bool:
+    """Whether row q's coefficient i has been known, so that what noise makes of it can be reckoned."""
+    return bool(KNOWN * x.best_square[q, i] <= x.mixed[q, i] * x.mixed[q, i])
+
+
+@compiled
+def find_pulled(s: BankSettings, x: BankState, q: int) -> None:
+    """Find what noise of the deflections makes of row q's last estimates, ``x.pulled``, ``x.vague`` (p,).
+
+    With sums of products ``R'R``, of which ``n N`` is such noise, they are ``theta - (R'R)^-1 n N theta`` (Fuller). Of
+    an effector by itself that is its share of the information; of two that move together it is next to nothing but
+    along what they do apart, where one has what the other has lost. What may be noise and was never answered as large
+    is to a half, as in `bank.changes`. Of effects that are not known nothing is found.
+    """
+    m, g = s.recent, x.group[q]
+    for i in range(x.pulled.shape[0]):
+        x.pulled[i] = 0.0
+        x.vague[i] = 0.0
+        if s.effectors_from < i <= s.effectors_to and is_known_best(x, q, i):
+            j = i - s.effectors_from - 1
+            noise = unanswered_noise(s, x, j)
+            most = 0.0 if was_answered(s, x, j) else most_noise(s, x, j)
+            x.vague[i] = VAGUE * max(most - noise, 0.0) * x.taken[g, m] * x.mixed[q, i]
+            x.pulled[i] = noise * x.taken[g, m] * x.mixed[q, i] + x.vague[i]
+    solve_factor(x.R[g], m, x.pulled)
+    solve_factor(x.R[g], m, x.vague)
+
+
+@compiled
+def solve_factor(R: Array, m: int, w: Array) -> None:
+    """Solve ``R'R y = w`` in place, (p,), R of member m of (p, p, m)."""
+    p = w.shape[0]
+    for i in range(p):
+        for k in range(i):
+            w[i] -= R[k, i, m] * w[k]
+        w[i] /= R[i, i, m]
+    for i in range(p - 1, -1, -1):
+        for k in range(i + 1, p):
+            w[i] -= R[i, k, m] * w[k]
+        w[i] /= R[i, i, m]
 
 
 @compiled
@@ -487,6 +536,8 @@ def bank_errors(
         source, part, power = s.turning[q + 1, i], s.turned[q + 1, i], power_of(s, i, ratio)
         square = errors[i] * doubt(s, x, i) + suspect_square(s, x, q, i) + x.window_change[i]
         square += turned_square(s, x, q, i, here)
+        if s.effectors_from < i <= s.effectors_to:
+            square += instead_square(s, x, q, i)
         if i <= s.effectors_from:
             square += elsewhere_square(s, x.mixed[q, i], i, here, 0.0)
         if i <= s.effectors_from:

@@ -63,6 +63,10 @@ class BankWork(NamedTuple):
     """(k,) how many standard errors that is, positive for a loss."""
     explained: Array
     """(k,) what it explains of what has changed."""
+    asked: Integers
+    """(1,) the surface of whose loss it is asked which others could have made it; negative: none."""
+    overlap: Array
+    """(k,) what is said of its loss and of that of each other surface at once."""
     by_state: Array
     """(p,) what a change of one state explains; the largest first."""
     by_error: Array
@@ -133,6 +137,8 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         variance=np.zeros(k),
         deviation=np.zeros(k),
         explained=np.zeros(k),
+        asked=np.full(1, -1),
+        overlap=np.zeros(k),
         by_state=np.zeros(p),
         by_error=np.zeros(s.gains.shape[1]),
         against=np.zeros((rows, k)),
