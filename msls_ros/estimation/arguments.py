@@ -27,6 +27,10 @@ UNITS = {"ns": 1e9, "us": 1e6, "ms": 1e3, "minutes": 1.0 / 60.0, "hours": 1.0 / 
 """How many of each are a second."""
 
 
+DIFFERENTIATED = "derivatives that are not measured are made of the states by msls_ros.inputs.differentiated"
+"""What to do where there are none."""
+
+
 def as_numbers(name: str, values: Any) -> Array:
     """Return values as float64.
 
@@ -44,6 +48,9 @@ def as_numbers(name: str, values: Any) -> Array:
     """
     if isinstance(values, np.ndarray) and values.dtype == np.float64:
         return np.ascontiguousarray(values)
+    if values is None:
+        message = f"{name} is None; give numbers" + (f": {DIFFERENTIATED}" if name == "xdot" else "")
+        raise EstimationError(message)
     try:
         found = np.asarray(values)
         if found.dtype.kind in "fiubO":

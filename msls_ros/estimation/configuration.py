@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from msls_ros.estimation.errors import EstimationError, nearest
+from msls_ros.estimation.kinematics import FLIGHT_STATES
 from msls_ros.estimation.sections import (
     Bounds,
     DetectorParameters,
@@ -303,6 +304,15 @@ def _check_names(configuration: Configuration) -> None:
             raise EstimationError(message)
         if len(set(names)) != len(names) or "" in names:
             message = f"parameter '{name}' is {list(names)}; the names must differ and not be empty"
+            raise EstimationError(message)
+    flight = {name.lower(): name for name in FLIGHT_STATES}
+    for state in configuration.states if configuration.known_gravity else ():
+        name = flight.get(state.lower(), state)
+        if name != state:
+            message = (
+                f"parameter 'states' names '{state}', of which nothing is known; write '{name}' if it is that state of "
+                "flight, and known_gravity: false if it is another"
+            )
             raise EstimationError(message)
     both = set(configuration.states) & set(configuration.effectors) | (
         {"1"} & {*configuration.states, *configuration.effectors}

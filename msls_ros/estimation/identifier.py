@@ -30,7 +30,7 @@ from msls_ros.estimation.kernel import Array
 from msls_ros.estimation.model import Assembly
 from msls_ros.estimation.samples import Preparation, Samples, as_block, check_samples
 from msls_ros.estimation.screening import HELD, REPEATED, Screen, Screened, alike
-from msls_ros.estimation.soundness import PACE, SOUND
+from msls_ros.estimation.soundness import PACE, RESPONSE, SOUND
 from msls_ros.estimation.state import COLOURS, Output
 from msls_ros.estimation.supervision import Supervisor
 
@@ -116,7 +116,7 @@ class Identifier:
         """Begin anew, from what was known at the start, where samples are learnt from at another rate than before."""
         rate, samples, warm = 1.0 / self._screen.period, self._regression.samples, self._warm
         if samples * self._period >= LEARNT_FOR:
-            self._events.append(self._supervisor.restart(self._screen.now, PACE))
+            self._events.append(self._supervisor.restart(self._screen.now, PACE, self._regression))
         self._begin(self.configuration.replace({"sample_rate": rate}))
         self._passed += samples
         if warm is not None:
@@ -525,9 +525,10 @@ class Identifier:
             done = self._regression.advance_into(out, phi, y, done, done + 1 if self._supervisor.watching else stop)
             now = float(answered_time[max(done - 1 - answered.start, 0)])  # what waited is said when it is answered
             alarm, self._statistic = out.alarm[done - 1], out.statistic[done - 1]
-            if out.restart[done - 1] != SOUND:
-                self._passed = 0
-                self._events.append(self._supervisor.restart(now, int(out.restart[done - 1])))
+            why = int(out.restart[done - 1])
+            if why != SOUND:
+                self._passed = self._passed if why == RESPONSE else 0
+                self._events.append(self._supervisor.restart(now, why, self._regression))
             if any(alarm.tolist()):
                 self._events.append(self._supervisor.alarm(now, self._statistic, alarm, self._regression))
             if self._supervisor.watching:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from msls_ros.estimation.arguments import as_numbers
+from msls_ros.estimation.arguments import DIFFERENTIATED, as_numbers
 from msls_ros.estimation.bank.regression import BankRegression
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.engine import Engine
@@ -103,7 +103,9 @@ def check_samples(c: Configuration, count: int, x: Array, xdot: Array, delta: Ar
         if not all_within(array, LARGEST):
             k, i = np.argwhere(~(np.abs(array) < LARGEST))[0]
             message = f"{name} holds a number that is not finite or too large: {columns[i]} is {array[k, i]:g} at "
-            message += f"sample {k}; expected less than {LARGEST:g} in size: leave such samples out"
+            message += f"sample {k}; expected less than {LARGEST:g} in size: "
+            missing = name == "xdot" and bool(np.isnan(array[:, i]).all())
+            message += DIFFERENTIATED if missing else "leave such samples out"
             raise EstimationError(message)
 
 

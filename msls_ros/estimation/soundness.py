@@ -27,6 +27,8 @@ SOUND, NOT_FINITE, MISFIT, ABSURD = 0, 1, 2, 3
 """What `Output.restart` says of a sample."""
 PACE = 4
 """Samples come at another rate than before, see `screening`."""
+RESPONSE = 5
+"""Deflections act otherwise than was taken, see `bank.responses`: the estimator has begun anew by itself."""
 
 LARGEST_ESTIMATE = 1e30
 """More than the quotient of any two numbers that matter."""

@@ -15,13 +15,14 @@ from msls_ros.estimation.estimate import EventKind, FaultEvent
 from msls_ros.estimation.isolation import Suspect, suspects
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.regression import Regression
-from msls_ros.estimation.soundness import ABSURD, MISFIT, NOT_FINITE, PACE
+from msls_ros.estimation.soundness import ABSURD, MISFIT, NOT_FINITE, PACE, RESPONSE
 from msls_ros.estimation.surfaces import read_surfaces
 
 _REASONS = {
     NOT_FINITE: "with these samples and settings its numbers left the range of what can be computed",
     MISFIT: "for long its predictions were absurd, more than ten times what was measured",
     ABSURD: "it had taken samples larger than any of an aircraft (more than 1e6 in SI units), and their like has ended",
+    RESPONSE: "aircraft and records say that deflections act after",
     PACE: "samples come at another rate, for which nothing that was learnt is kept",
 }
 
@@ -100,8 +101,8 @@ class Supervisor:
         limits = (self._threshold,) * len(found)
         return FaultEvent(time, EventKind.DETECTED, names, values, limits, description=text)
 
-    def restart(self, time: float, why: int) -> FaultEvent:
-        """Return the event of an estimator that forgot everything; nothing is watched any more.
+    def restart(self, time: float, why: int, regression: Engine) -> FaultEvent:
+        """Return the event of an estimator that has begun anew; nothing is watched any more.
 
         Parameters
         ----------
@@ -109,9 +110,14 @@ class Supervisor:
             Of the sample [s].
         why
             See `soundness`.
+        regression
+            What has begun anew.
         """
         self.drop()
-        text = f"the estimate begins anew at {time:.3f} s: {_REASONS[why]}"
+        reason = _REASONS[why]
+        if why == RESPONSE:
+            reason += f" {1e3 * regression.delay[0]:.0f} ms, and a lag of {1e3 * regression.lag:.0f} ms"
+        text = f"the estimate begins anew at {time:.3f} s: {reason}"
         return FaultEvent(time, EventKind.RESET, tuple(self._c.rows), (), (), description=text)
 
     def drop(self) -> None:

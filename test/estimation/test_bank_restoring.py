@@ -8,7 +8,7 @@ from estimation.test_bank import PERIOD, SMALL, uniform
 from estimation.test_bank_losses import Flight, engine_of
 
 from msls_ros.estimation import EventKind, Identifier, from_mapping
-from msls_ros.estimation.bank.attenuation import motion_share
+from msls_ros.estimation.bank.attenuation import prior_share
 from msls_ros.estimation.bank.lags import lag_square
 from msls_ros.estimation.bank.losses import TOLERANCE
 from msls_ros.estimation.bank.regression import BankRegression
@@ -82,11 +82,11 @@ def test_what_a_name_takes_back_counts_as_learnt_from_motion_and_a_prior_of_a_st
     s, x = engine.settings, engine.state
     g, m = int(x.group[0]), leading_member(x, 0, engine._work.e)
     state, effector = 1, s.effectors_from + 1
-    alone = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
+    alone = [prior_share(s, x, g, i, m) for i in (state, effector)]
     for i in (state, effector):
         x.kept_info[g, i] = 0.9 * x.info[g, i, m]
-    kept = [motion_share(s, x, g, i, m, 0.0) for i in (state, effector)]
-    assert kept == pytest.approx([alone[0] - 0.9, alone[1]])
+    kept = [prior_share(s, x, g, i, m) for i in (state, effector)]
+    assert kept == pytest.approx([alone[0] + 0.9, alone[1]])
 
 
 @pytest.mark.parametrize(("interval", "expected"), [(0, 3e-4), (5, 1e-7)])

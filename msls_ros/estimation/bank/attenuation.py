@@ -171,17 +171,29 @@ def divide(row: Array, by: float, number: int) -> None:
 
 
 @compiled
-def motion_share(s: BankSettings, x: BankState, g: int, i: int, m: int, noise: float) -> float:
-    """Share of the information about coefficient i that is motion for certain, no less than `LEAST` [1].
+def most_noise_share(x: BankState, g: int, m: int, noise: float) -> float:
+    """Share of information that is noise, ``noise``, and a standard error of its variance over so many samples [1]."""
+    return float(noise * (1.0 + math.sqrt(2.0 / max(x.taken[g, m], 1.0))))
 
-    No prior, and noise to a standard error of its variance over so many samples. What an effector has taken back after
-    a name (`bank.restoring`) was learnt from motion.
+
+@compiled
+def prior_share(s: BankSettings, x: BankState, g: int, i: int, m: int) -> float:
+    """Share of the information about coefficient i that is the prior of member m [1].
+
+    What an effector has taken back after a name (`bank.restoring`) was learnt from motion.
     """
-    most = noise * (1.0 + math.sqrt(2.0 / max(x.taken[g, m], 1.0)))
     prior = s.prior[i, m] * s.prior[i, m]
     if i <= s.effectors_from:
         prior += x.kept_info[g, i]
-    return float(max(1.0 - most - prior / x.info[g, i, m], LEAST))
+    return float(prior / x.info[g, i, m])
+
+
+@compiled
+def widened_by(hidden: float) -> float:
+    """By how much errors are larger, squared, where that share of the information is no motion; `LEAST` is left."""
+    motion = max(1.0 - hidden, LEAST)
+    off = (1.0 - motion) / motion
+    return off * off
 
 
 @compiled
@@ -194,12 +206,14 @@ def doubt(s: BankSettings, x: BankState, i: int) -> float:
 @compiled
 def widen(s: BankSettings, x: BankState, q: int, m: int, bias: Array, squares: Array) -> None:
     """Widen row q's squared errors (p,) by what `attenuation` found; ``bias`` (p,) becomes what they hold of it."""
+    g = x.group[q]
     x.widened[q, 0] = 1.0
     bias[0] *= ATTENUATED
     squares[0] += bias[0]
     for i in range(1, bias.shape[0]):
-        motion = motion_share(s, x, x.group[q], i, m, x.widened[q, i])
-        hidden = (1.0 - motion) / motion
-        x.widened[q, i] = 1.0 + hidden * hidden
+        noise, prior = most_noise_share(x, g, m, x.widened[q, i]), prior_share(s, x, g, i, m)
+        motion = max(1.0 - noise - prior, LEAST)
+        x.widened[q, i] = 1.0 + widened_by(noise + prior)
+        x.unlearnt[q, i] = widened_by(noise) + min(prior, 1.0)
         bias[i] *= ATTENUATED / (motion * motion)
         squares[i] = squares[i] * x.widened[q, i] + bias[i]

@@ -24,6 +24,7 @@ from msls_ros.estimation.bank.feedback import forget_feedback
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.losses import KNOWN, noise_of
 from msls_ros.estimation.bank.members import find_information
+from msls_ros.estimation.bank.ramps import begin_ramps
 from msls_ros.estimation.bank.residual import residual_variance
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.work import BankWork
@@ -78,6 +79,7 @@ def apply_loss(s: BankSettings, x: BankState, k: int, change: float, error: floa
             forget_direction(s, x.R[target], m, k, mean, precision, work)
         find_information(x.R[target], work.V, x.info[target])
         begin_window(s, x, target)
+        begin_ramps(x, target)
     x.kept[1] = x.kept[0]
     for a in range(x.run.shape[0]):
         x.run[a] = 0

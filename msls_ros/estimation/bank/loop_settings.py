@@ -155,6 +155,8 @@ class BankSettings(NamedTuple):
     """(a,) members whose estimates are compared with older ones, see `bank.losses`."""
     loss_delays: Integers
     """(a,) by how much older, in strides."""
+    ramp_lengths: Integers
+    """(h,) after so many samples moments that an alarm has begun with stay what they are, see `bank.ramps`."""
     loss_tests: Integers
     """(a,) how many times in a row each must see a loss."""
     loss_sums: int

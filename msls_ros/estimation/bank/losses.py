@@ -59,6 +59,7 @@ from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import OUTLIER, find_whitening, observe_sums
 from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_reference, whiten, whiten_directions
 from msls_ros.estimation.bank.noise_moves import find_noise_moves, take_off_noise
+from msls_ros.estimation.bank.ramps import explain_by_ramps, find_ramps
 from msls_ros.estimation.bank.residual import LARGEST_COLOUR
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.uncertainty import square_of_change
@@ -342,6 +343,8 @@ def compare_surfaces(
             prepared = x.group[q]
             find_directions(s, x.R[prepared], m, work)
             find_noise_moves(s, x, prepared, m, work)
+            if not scattered:
+                find_ramps(x, prepared, m, work)
             if s.straddle == 0 and not discounted:
                 whiten_directions(work)
         for i in range(1, p):
@@ -365,6 +368,8 @@ def compare_surfaces(
             n = max(n, (changed - most_by_surface(work)) / (0.5 * max(p - 2 - fitted - taken, 1.0)))
         excess += changed / n - 0.5 * (p - 1 - taken)
         explain_by_states(s, n, work)
+        if not scattered:
+            explain_by_ramps(n, work)
         if discounted and s.straddle == 0:
             explain_by_errors(s, n, square[q], work)
         for k in range(s.gains.shape[0]):
@@ -379,6 +384,8 @@ def compare_surfaces(
         finish(work, k)
     for i in range(1, p):
         work.by_state[0] = max(work.by_state[0], work.by_state[i])
+    for h in range(work.by_ramp.shape[0]):
+        work.by_state[0] = max(work.by_state[0], work.by_ramp[h])
     return excess
 
 
@@ -394,6 +401,8 @@ def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
         work.by_state[i] = 0.0
     for j in range(work.by_error.shape[0]):
         work.by_error[j] = 0.0
+    for h in range(work.by_ramp.shape[0]):
+        work.by_ramp[h] = 0.0
     for j in range(s.gains.shape[1]):
         work.resting[j] = resting_noise(s, x, j)
         work.slow[j] = slow_noise(s, x, j)

@@ -38,6 +38,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.ramps import is_pending
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
@@ -108,6 +109,11 @@ def update_members(s: BankSettings, x: BankState, g: int, y: Array, work: BankWo
             correct(x.members[q], work.phi, y[q], work.K, x.errors[q])
     for j in range(x.sensitivity.shape[1]):
         correct(x.sensitivity[g, j], work.phi, x.step_back[j], work.K, work.e)
+    if is_pending(x, g):
+        for h in range(s.ramp_lengths.shape[0]):
+            grown = float(min(x.ramp_samples[g], s.ramp_lengths[h]))
+            correct(x.ramps[g, h], work.phi, grown, work.K, work.e)
+        x.ramp_samples[g] += 1
     x.age[g] += 1
 
 

@@ -28,7 +28,7 @@ from msls_ros.estimation.errors import EstimationError
 from msls_ros.estimation.isolation import invert, upper_factor
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.regressor_noise import RegressorNoise, make_noise
-from msls_ros.estimation.soundness import SOUND
+from msls_ros.estimation.soundness import RESPONSE, SOUND
 from msls_ros.estimation.state import Output, forget_sample, make_output
 
 GROUPS = 4
@@ -184,7 +184,7 @@ class BankRegression:
         phi, y = np.ascontiguousarray(phi, np.float64), np.ascontiguousarray(y, np.float64)
         done = int(self._advance(self.settings, self.state, phi, y, start, stop, self._work, out, *self._observed))
         self.noise[:] = self._work.noise
-        if out.restart[done - 1] != SOUND:
+        if out.restart[done - 1] not in (SOUND, RESPONSE):
             self.reset()
             forget_sample(out, done - 1)
         return done

@@ -56,6 +56,7 @@ from msls_ros.estimation.soundness import (
     LARGEST_ESTIMATE,
     LARGEST_VARIANCE,
     NOT_FINITE,
+    RESPONSE,
     SOUND,
     all_within,
     count_misfits,
@@ -119,7 +120,8 @@ def advance_bank(
         observe_quanta(s, x, phi[n])
         scale_regressors(s, x, work.phi)
         take_noise(s, x, noise, n, work)
-        if respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs):
+        responds = respond(s, x, work.phi, y[n], work.factor, work.w, work.squares, work.outputs)
+        if responds:
             begin_anew(s, x, work.phi)
         observe_inputs(s, x, work.phi)
         observe_deflections(s, x, work.phi)
@@ -132,6 +134,9 @@ def advance_bank(
         if x.apart[0] > 0:
             x.apart[0] -= 1
             pass_over(s, x, time[n], out, n)
+            if responds:
+                out.restart[n] = RESPONSE
+                return n + 1
             continue
         any_alarm = sense_bank(s, x, work.phi, work.y, out.e[n], out.statistic[n], out.alarm[n], work.w)
         observe_energy(s, x, work.phi, work.y)
@@ -169,6 +174,8 @@ def advance_bank(
         if s.followed_row >= 0:
             out.followed[n] = followed_of(s, x)
         out.restart[n] = judge_soundness(x, work.phi, work.y, out.e[n])
+        if responds and out.restart[n] == SOUND:
+            out.restart[n] = RESPONSE
         if any_alarm or out.restart[n] != SOUND:
             return n + 1
     return stop

@@ -13,6 +13,7 @@ from msls_ros.estimation.bank.feedback import LATER
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.loss_noise import LONGEST
 from msls_ros.estimation.bank.losses import EVERY
+from msls_ros.estimation.bank.ramps import LENGTHS
 from msls_ros.estimation.configuration import Configuration
 from msls_ros.estimation.kernel import Array, Integers
 from msls_ros.estimation.kinematics import find_rotation
@@ -440,6 +441,7 @@ def _losses(period: float, straddle: int, grid: Grid, surfaces: Sequence[Surface
         shares=np.array([one.shares for one in surfaces], dtype=np.float64).reshape(len(surfaces), effectors),
         loss_members=np.array(near, np.int64),
         loss_delays=np.array([max(1, round(one.back / period / stride)) for one in losses], np.int64),
+        ramp_lengths=np.array([max(1, round(length / period)) for length in LENGTHS], np.int64),
         loss_tests=np.array([max(3, round(one.stands / (EVERY * period))) for one in losses], np.int64),
         loss_sums=math.floor(math.log2(max(LONGEST / period, 1.0))) + 1,
         noise_member=_nearest(grid, NOISE_MEMORY, WALK),

@@ -9,9 +9,10 @@ is published is the mean of both, coefficient by coefficient (Theil and Goldberg
     theta* = theta + c / (c + k) (theta_best - theta)
 
 with what `bank.uncertainty` says of an estimate from then, ``b``, and of the present error the part c that is of noise
-taken for motion, ``s^2/I (w - 1)`` (`bank.attenuation`): by how far estimates move, or contradict each other, is no
-sign that nothing is known now, but that something changes. Two things must not be: that two estimates as good as each
-other are mixed (the present one follows faults), and that an old one is held against evidence of a change. So::
+taken for motion, ``s^2/I (w - 1)`` (`bank.attenuation`), and of the prior, no more than it allows: by how far estimates
+move, or contradict each other, is no sign that nothing is known now, but that something changes. Two things must not
+be: that two estimates as good as each other are mixed (the present one follows faults), and that an old one is held
+against evidence of a change. So::
 
     k = b (1 + (b / (r^2 c))^4) + max((theta_best - theta)^2 - 4 c, 0)
 
@@ -21,7 +22,8 @@ stabilator lost over 5 s, noise-free: error after it .0012, with either .006 to 
 
 Both without the bias that noise in the regressors makes, as far as it is known (`bank.correction`). The constant is
 such that the prediction for the regressor of now stays the same. This is what is published alone: members, detector and
-what is kept go on without it. Its error is the smaller one of now and then, as before.
+what is kept go on without it. Its error is the smaller one of now and then, as before, and that of then holds how far
+the present estimate is from it, as if it were not drawn back: noise may have drawn that there, or a change.
 
 References
 ----------
@@ -94,7 +96,7 @@ def share_of_now(s: BankSettings, x: BankState, q: int, i: int, square: float) -
         return math.inf
     if not x.known[q, i] > 0.0:
         return math.inf
-    now = residual_variance(x, q) / x.known[q, i] * (x.widened[q, i] - 1.0)
+    now = residual_variance(x, q) / x.known[q, i] * x.unlearnt[q, i]
     then = max(known_square(s, x, q, i, x.best[q, i]), x.late_square[1, q, i])
     moved = moved_since(x, q, i)
     if not now > 0.0:

@@ -9,6 +9,7 @@ import numpy as np
 
 from msls_ros.estimation.bank.changes import BLOCKS
 from msls_ros.estimation.bank.loop_settings import BankSettings
+from msls_ros.estimation.bank.ramps import begin_ramps
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.compiled import compiled
 
@@ -185,6 +186,8 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         window_row=np.zeros(p),
         window_left=np.zeros(p),
         window_change=np.zeros(p),
+        ramps=np.zeros((groups, len(s.ramp_lengths), p, m)),
+        ramp_samples=np.zeros(groups, np.int64),
         sensitivity=np.zeros((groups, effectors, p, m)),
         cross=np.zeros((rows, effectors)),
         unexplained=np.zeros(effectors),
@@ -240,6 +243,7 @@ def _noise(s: BankSettings, rows: int) -> dict[str, Any]:
         answered=np.zeros(effectors, np.int64),
         effect=np.zeros((rows, effectors)),
         widened=np.ones((rows, p)),
+        unlearnt=np.zeros((rows, p)),
         correction=np.zeros((rows, p)),
         best_correction=np.zeros((rows, p)),
         speed_logarithm=np.zeros((2, p)),
@@ -318,6 +322,7 @@ def clear_bank(s: BankSettings, x: BankState) -> None:
     x.weight[:] = mixes / mixes.sum(axis=1, keepdims=True)
     x.known[:] = 1.0
     x.widened[:] = 1.0
+    x.unlearnt[:] = 0.0
     x.gust_effect[:] = math.inf
     x.carried[:] = math.inf
     x.energy_share[:] = 1.0
@@ -342,6 +347,7 @@ def clear_factors(s: BankSettings, x: BankState, g: int) -> None:
             for m in range(s.forgetting.shape[0]):
                 x.sensitivity[g, j, i, m] = 0.0
     x.age[g] = 0
+    begin_ramps(x, g)
     for a in range(x.motion.shape[1]):
         for i in range(s.prior.shape[0]):
             x.motion[g, a, 0, i] = 0.0

@@ -272,6 +272,10 @@ class BankState(NamedTuple):
     """(1,) how many blocks were full."""
     sensitivity: Array
     """(g, c, p, m) what the members make of that: derivative of estimates by the delay, constant first, `bank.lags`."""
+    ramps: Array
+    """(g, h, p, m) what the members make of moments that grow for a while after an alarm, see `bank.ramps`."""
+    ramp_samples: Integers
+    """(g,) since that alarm."""
     cross: Array
     """(r, c) sums of prediction errors times these differences."""
     unexplained: Array
@@ -363,6 +367,8 @@ class BankState(NamedTuple):
     """(r, c) size of each effect when it was last known so well."""
     widened: Array
     """(r, p) factor by which noise in the regressors widens the squared errors, constant first [1]."""
+    unlearnt: Array
+    """(r, p) what of the squared errors is noise taken for motion, or the prior, over the rest, constant first [1]."""
     correction: Array
     """(r, p) what noise in the regressors has taken from the estimates, see `bank.correction`, constant first."""
     best_correction: Array

@@ -33,7 +33,8 @@ By the triangle inequality the error of now is at most that of then plus what th
 derivative itself is what it was; it changes with the velocity vector (``place``: mean velocities over their scale),
 which is what the last term allows for. Where now is no worse than what is kept, and has been so for a quarter to half a
 second, it is kept instead: a bias that changes sign passes through nothing, and is not known to be nothing then. What
-is published of states' effects may be drawn back to what is kept (`bank.shrinkage`), whose error it has then.
+is published of states' effects may be drawn back to what is kept (`bank.shrinkage`), whose error it has then, and what
+it would have moved by (`withdrawn_square`).
 
 Variance and colour are carried over an alarm; samples and the best known are not: nothing is claimed before ``k + 2``
 samples, a few with what states keep through a fault (`bank.forgetting`).
@@ -403,6 +404,20 @@ def carried_square(s: BankSettings, x: BankState, q: int, i: int, value: float) 
 
 
 @compiled
+def withdrawn_square(x: BankState, q: int, i: int, value: float) -> float:
+    """Square by which coefficient i of row q may have changed, though its estimate is drawn back (`bank.shrinkage`).
+
+    That is how far the present one is from the best, beyond what `known_square` of the value that is published holds of
+    it: noise may have drawn it there, or a change, and nothing says which.
+    """
+    if x.drawn[q] == 0 or not x.best_square[q, i] < math.inf:
+        return 0.0
+    moved = x.mixed[q, i] + x.correction[q, i] - x.best_correction[q, i] - x.best[q, i]
+    step = value - x.best[q, i]
+    return float(max(moved * moved - step * step, 0.0))
+
+
+@compiled
 def keep_best(
     s: BankSettings, x: BankState, q: int, noise: Array, products: Array, bias: Array, squares: Array
 ) -> None:
@@ -527,7 +542,7 @@ def bank_errors(
     here = distance_from_place(s, x, phi)
     for i in range(p):
         value = x.mixed[q, i] + x.shift[q, i] - x.best_correction[q, i]
-        carried = carried_square(s, x, q, i, value)
+        carried = carried_square(s, x, q, i, value) + withdrawn_square(x, q, i, value)
         part = s.exponent[i] * phi[i]
         if part != 0.0:
             sum_square += part * part * min(errors[i], carried)

@@ -101,6 +101,10 @@ class BankWork(NamedTuple):
     white_steps: Array
     """(k, p) the same, and (p, p) the factor's columns as rows, where coordinates have the same noise."""
     white_columns: Array
+    ramps: Array
+    """(h, p) the directions of moments that grow for a while in it, see `bank.ramps`."""
+    by_ramp: Array
+    """(h,) what they explain."""
     noise_moves: Array
     """(p, p) by state, which way noise in it moves the estimates there, see `bank.noise_moves`."""
     moved: Array
@@ -158,6 +162,8 @@ def make_bank_work(s: BankSettings, rows: int) -> BankWork:
         steps=np.zeros((k, p)),
         white_steps=np.zeros((k, p)),
         white_columns=np.zeros((p, p)),
+        ramps=np.zeros((len(s.ramp_lengths), p)),
+        by_ramp=np.zeros(len(s.ramp_lengths)),
         noise_moves=np.zeros((p, p)),
         moved=np.zeros(p),
     )
