@@ -305,13 +305,14 @@ def _check_names(configuration: Configuration) -> None:
         if len(set(names)) != len(names) or "" in names:
             message = f"parameter '{name}' is {list(names)}; the names must differ and not be empty"
             raise EstimationError(message)
+    flying = configuration.known_gravity and {"u", "v", "w"} & set(configuration.states)
     flight = {name.lower(): name for name in FLIGHT_STATES}
-    for state in configuration.states if configuration.known_gravity else ():
+    for state in configuration.states if flying else ():
         name = flight.get(state.lower(), state)
         if name != state:
             message = (
-                f"parameter 'states' names '{state}', of which nothing is known; write '{name}' if it is that state of "
-                "flight, and known_gravity: false if it is another"
+                f"parameter 'states' names '{state}' beside a velocity, and nothing is known of a state of that name: "
+                f"write '{name}' if it is that one, or known_gravity: false if it is another"
             )
             raise EstimationError(message)
     both = set(configuration.states) & set(configuration.effectors) | (

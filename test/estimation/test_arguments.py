@@ -190,3 +190,11 @@ def test_lists_of_names_and_the_numbers_of_numpy_serve() -> None:
     assert [type(v) for v in (c.states, c.effectors[0], c.sample_rate)] == [tuple, str, float]
     one = Identifier(c, np.int64(0))  # type: ignore[arg-type]
     assert one.run(TIME.astype(object), X.tolist(), XDOT, DELTA[:, :1], np.int64(20)).estimates[-1].samples == COUNT  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    "xdot", [None, np.full((COUNT, 2), np.nan), np.column_stack([XDOT[:, 0], np.full(COUNT, np.nan)])]
+)
+def test_derivatives_that_were_not_measured_are_refused_with_what_makes_them(xdot: Any) -> None:
+    with pytest.raises(EstimationError, match=r"xdot .*msls_ros\.inputs\.differentiated"):
+        identifier().run(TIME, X, xdot, DELTA)

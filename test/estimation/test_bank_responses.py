@@ -276,3 +276,11 @@ def test_what_a_record_leaves_of_delay_is_no_servo(rate: int) -> None:
         last = behind_a_servo(rate, seed, late=0.015)
         assert 0.010 < last.delay < 0.022
         assert abs(last.b[0, 0] - 180.0) < 1.96 * last.b_std[0, 0] < 0.2 * 180.0
+
+
+def test_a_response_that_is_taken_is_an_event() -> None:
+    _, estimates = fly(0.05, 0.0, measured=True, behind=2)
+    found = next(e for e in estimates if e.delay < 0.0)
+    told = [v for e in estimates for v in e.events if v.kind == EventKind.RESET]
+    assert [v.time for v in told] == [found.time]
+    assert "begins anew at" in told[0].description and "deflections act after -40 ms" in told[0].description

@@ -19,11 +19,12 @@ READ = 3e-3
 """Noise of the gyroscopes [rad/s]."""
 
 
-def along_a_line(n: int = 1600, left: float = 1.0, nonlinear: float = 1.0) -> Flight:
+def along_a_line(n: int = 1600, left: float = 1.0, nonlinear: float = 1.0, damping: float = DAMPING) -> Flight:
     """Return a flight in which all moves by itself, and then R as twice P, nearly.
 
     What is not linear goes with what R leaves that line by. ``left`` is what is left of da's effect from then on; where
-    it is not 1 all goes on moving by itself. Deflections are what the motion takes.
+    it is not 1 all goes on moving by itself. From then on the effect of P by P is ``damping``. Deflections are what the
+    motion takes.
     """
     time = PERIOD * np.arange(n, dtype=np.float64)
     x, rates = np.zeros((n, 3)), np.zeros((n, 3))
@@ -36,7 +37,8 @@ def along_a_line(n: int = 1600, left: float = 1.0, nonlinear: float = 1.0) -> Fl
     x[:, 2] = np.where(line, 2.0 * x[:, 0] + BENT * bent, x[:, 2])
     rates[:, 2] = np.where(line, 2.0 * rates[:, 0] * (1.0 + BENT * np.abs(x[:, 0])), rates[:, 2])
     effect = EFFECT * np.where(np.arange(n) < BEGIN, 1.0, left)
-    da = (rates[:, 0] - DAMPING * x[:, 0] - COUPLING * x[:, 2] - nonlinear * line * bent) / effect
+    damped = np.where(np.arange(n) < BEGIN, DAMPING, damping)
+    da = (rates[:, 0] - damped * x[:, 0] - COUPLING * x[:, 2] - nonlinear * line * bent) / effect
     delta = np.column_stack([da, -0.25 * (rates[:, 1] + x[:, 1])])
     return time, x + READ * uniform(n, 3, 1), rates + 1e-3 * uniform(n, 3, 3), delta
 
@@ -74,3 +76,10 @@ def test_nothing_is_drawn_back_while_all_is_as_well_known_as_it_was() -> None:
     flight = along_a_line()
     engine, last = identified((flight[0][:BEGIN], flight[1][:BEGIN], flight[2][:BEGIN], flight[3][:BEGIN]))
     assert (np.abs(last.a - engine.theta[:, :3]) <= 0.1 * last.a_std)[:2].all(), "no model is behind the third row"
+
+
+def test_where_an_effect_may_have_changed_the_bar_says_so_though_it_is_drawn_back() -> None:
+    engine, last = identified(along_a_line(damping=0.5))
+    assert engine.state.drawn[0] == 1
+    for value, error, truth in zip(last.a[0, [0, 2]], last.a_std[0, [0, 2]], (0.5, COUPLING), strict=True):
+        assert abs(value - truth) < 1.96 * error

@@ -32,6 +32,8 @@ def test_a_shipped_profile_is_the_whole_manual_and_up_to_date(path: Path) -> Non
         ({"states": "u"}, "must be a list"),
         ({"states": ["u", "u"]}, "names must differ"),
         ({"states": ["u", "P"]}, "needs Phi and Theta"),
+        ({"states": ["u", "w", "q", "Phi", "Theta"]}, "names 'q' beside a velocity.*write 'Q' if it is that one"),
+        ({"states": ["u", "P", "phi", "Theta"]}, "write 'Phi' if it is"),
         ({"states": ["Phi"]}, "no equation to identify"),
         ({"effectors": ["P"]}, "cannot be a name of both"),
         ({"dither.weights": [1.0]}, "one per effector, 7, or none"),
