@@ -23,7 +23,7 @@ from msls_ros.estimation.bank.work import BankWork
 from msls_ros.estimation.compiled import compiled
 
 LENGTHS = (0.25, 0.5, 1.0, 1000.0)
-"""[s]"""
+"""[s]. The last one alone leaves 8 of those 48 names of light aircraft; 2 s besides, 10 of the 144 for 11."""
 
 
 @compiled
