@@ -34,10 +34,11 @@ from __future__ import annotations
 
 import math
 
+from msls_ros.estimation.bank.contradiction import CHANCE
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.residual import residual_variance
 from msls_ros.estimation.bank.state import BankState
-from msls_ros.estimation.bank.uncertainty import CHANCE, known_square
+from msls_ros.estimation.bank.uncertainty import known_square
 from msls_ros.estimation.compiled import compiled
 from msls_ros.estimation.kernel import Array
 
