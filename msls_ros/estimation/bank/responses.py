@@ -49,7 +49,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank.answers import MEDIAN, median_of
-from msls_ros.estimation.bank.effector_noise import most_noise, third_difference
+from msls_ros.estimation.bank.effector_noise import most_noise, state_noise, third_difference
 from msls_ros.estimation.bank.lags import APART, MOMENTS, REDUNDANT, factorise, solve_backward, solve_forward
 from msls_ros.estimation.bank.loop_settings import BankSettings
 from msls_ros.estimation.bank.residual import autocorrelation
@@ -287,6 +287,8 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         passes = 1
         while fit(s, x, a, free, factor, w, z) and passes < PASSES:
             passes += 1
+        if a == now:
+            find_hidden(s, x, factor, w)
     moving = 0.0
     for q in range(x.gate.shape[0]):
         moving += x.gate[q] / x.gate.shape[0]
@@ -296,8 +298,13 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         gained = likelier(s, x, a, now)
         lag = s.responses[a, 0]
         if lag > 0 and s.responses[now, 0] == 0:
-            least = gained - by_averaging(x, a, now) if s.responses[a, 1] < 0 else -math.inf
+            least = gained - by_averaging(s, x, a, now, free, 1.0) if s.responses[a, 1] < 0 else -math.inf
             gained = max(min(gained, likelier(s, x, a, others + lag - 1)), least)
+        elif s.responses[a, 1] < 0 and lag == s.responses[now, 0]:
+            averaged = by_averaging(s, x, a, now, free, averaged_share(x.response_part[a]))
+            gained = min(gained, max(gained - averaged, 0.0))
+        if s.responses[a, 1] > s.responses[now, 1] or (lag > 0 and s.responses[now, 0] == 0):
+            gained = min(gained, max(gained - by_standing_in(s, x, a, now, free), 0.0))
         apart = s.responses[a, 1] + x.response_part[a] - s.responses[now, 1]
         if lag > 0 and turns_round(s, x, a, now):
             gained = min(gained, 0.0)
@@ -428,13 +435,75 @@ def likelier(s: BankSettings, x: BankState, a: int, b: int) -> float:
 
 
 @compiled
-def by_averaging(x: BankState, a: int, b: int) -> float:
-    """Return the most that response a may be likelier than b because a lag averages the noise in deflections [1]."""
+def by_averaging(s: BankSettings, x: BankState, a: int, b: int, free: float, share: float) -> float:
+    """Return the most that response a may be likelier than b because it averages the noise in deflections [1].
+
+    It takes a share of their variance away; ``free`` as for `fit`.
+    """
     total = 0.0
     for q in range(x.response_fit.shape[1]):
         if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
-            total += x.response_fit[b, q, 2]
+            left = max(1.0 - share * x.response_fit[b, q, 2], REDUNDANT)
+            total -= weight_of(s, x, q, free) * logarithm(left)
     return total
+
+
+@compiled
+def by_standing_in(s: BankSettings, x: BankState, a: int, b: int, free: float) -> float:
+    """Return the most that response a may be likelier than b because it stands in for states that noise hides [1].
+
+    ``free`` as for `fit`.
+    """
+    total = 0.0
+    for q in range(x.response_fit.shape[1]):
+        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
+            left = max(1.0 - x.response_hidden[q], REDUNDANT)
+            total -= weight_of(s, x, q, free) * logarithm(left)
+    return total
+
+
+@compiled
+def find_hidden(s: BankSettings, x: BankState, factor: Array, w: Array) -> None:
+    """Find which share of what is left of each row noise in the states makes, ``x.response_hidden``, after its `fit`.
+
+    Of a state with the share rho of noise in what the other regressors leave of it, least squares finds ``1 - rho`` of
+    the effect; what else goes with the state takes ``theta^2 n sigma^2 / (1 - rho)`` of what is left at most, theta as
+    it was found. (p,) scratch.
+    """
+    for q in range(x.response_hidden.shape[0]):
+        x.response_hidden[q] = 0.0
+    for i in range(1, s.effectors_from + 1):
+        noise = x.response_samples[0] * state_noise(s, x, i - 1, x.white_noise[i - 1])
+        if x.measured[i - 1] >= 1.0:
+            noise /= s.late
+        for k in range(w.shape[0]):
+            w[k] = 0.0
+        w[i] = 1.0
+        share = noise * solve_forward(factor, w, i)
+        for q in range(x.response_hidden.shape[0]):
+            effect = x.response_states[q, i - 1]
+            hidden = effect * effect * noise / max(1.0 - share, REDUNDANT)
+            if x.response_row[q, 0] > 0.0:
+                x.response_hidden[q] += hidden / x.response_row[q, 0]
+
+
+@compiled
+def averaged_share(d: float) -> float:
+    """Return the share of the variance of white noise that goes where d of one sample and ``1 - d`` of another count.
+
+    What is in the sample before is in the states as well; what comes after is not, and says more.
+    """
+    return max(2.0 * d * (1.0 - d), 0.0)
+
+
+@compiled
+def weight_of(s: BankSettings, x: BankState, q: int, free: float) -> float:
+    """Return ``n_q / 2 c_q`` of row q, of so many free samples, over the blocks of l samples."""
+    one = autocorrelation(x, q)
+    rho = one
+    for _ in range(s.late - 1):
+        rho *= one
+    return 0.5 * free * (1.0 - rho) / (1.0 + rho)
 
 
 @compiled
@@ -490,6 +559,8 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
         find_row(s, x, a, q, d, factor, w, z)
         for j in range(count):
             x.response_effect[a, q, j] = w[states + 1 + j]
+        for i in range(states):
+            x.response_states[q, i] = w[i + 1]
         x.response_row[q, 0] = w[0]
         x.response_row[q, 1] = z[0]
         x.response_row[q, 2] = z[1]
@@ -507,17 +578,12 @@ def fit(s: BankSettings, x: BankState, a: int, free: float, factor: Array, w: Ar
         for i in range(x.response_fit.shape[2]):
             x.response_fit[a, q, i] = 0.0
         if left > 0.0:
-            one = autocorrelation(x, q)
-            rho = one
-            for _ in range(s.late - 1):
-                rho *= one
-            weight = 0.5 * free * (1.0 - rho) / (1.0 + rho)
             noise = 0.0
             for j in range(count):
                 effect = x.response_effect[a, q, j]
                 noise += effect * effect * x.response_samples[0] * most_noise(s, x, j) / s.late
-            x.response_fit[a, q, 0] = -weight * logarithm(left)
-            x.response_fit[a, q, 2] = -weight * logarithm(max(1.0 - noise / left, REDUNDANT))
+            x.response_fit[a, q, 0] = -weight_of(s, x, q, free) * logarithm(left)
+            x.response_fit[a, q, 2] = noise / left
             unexplained = left
             if s.straddle == 0:
                 white = x.response_samples[0] * x.output_median[q] / (MEDIAN * s.late)

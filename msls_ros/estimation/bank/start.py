@@ -149,6 +149,8 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         response_row=np.zeros((rows, 4)),
         response_fit=np.zeros((len(s.responses), rows, 3)),
         response_effect=np.zeros((len(s.responses), rows, effectors)),
+        response_states=np.zeros((rows, s.effectors_from)),
+        response_hidden=np.zeros(rows),
         response=np.zeros(1, np.int64),
         recent=np.zeros((s.latest + s.late + 3, effectors)),
         delay=np.zeros((2, 5)),

@@ -191,10 +191,14 @@ class BankState(NamedTuple):
     response_row: Array
     """(r, 4)"""
     response_fit: Array
-    """(a, r, 3) likelihood of each response by each row, the share that effectors explain [1], and the most that noise
-    in the deflections takes from the former."""
+    """(a, r, 3) likelihood of each response by each row, the share that effectors explain [1], and the share of what is
+    left that noise in the deflections makes at most [1]."""
     response_effect: Array
     """(a, r, c) the effects that each has."""
+    response_states: Array
+    """(r, t) those of the states, by the last response that was looked at."""
+    response_hidden: Array
+    """(r,) share of what the present response leaves that noise in the states makes at most [1]."""
     response: Integers
     """(1,) which response is taken."""
     recent: Array
