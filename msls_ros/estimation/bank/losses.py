@@ -51,7 +51,7 @@ from __future__ import annotations
 import math
 
 from msls_ros.estimation.bank.drag import is_drag
-from msls_ros.estimation.bank.effector_noise import resting_noise, slow_noise
+from msls_ros.estimation.bank.effector_noise import most_noise, resting_noise, slow_noise
 from msls_ros.estimation.bank.effects import effect_of, square_of_effect
 from msls_ros.estimation.bank.incidence import discount_incidence
 from msls_ros.estimation.bank.isolability import RIVAL, find_overlaps, is_alike
@@ -61,6 +61,7 @@ from msls_ros.estimation.bank.loss_reference import LEAST_LEFT, discount_referen
 from msls_ros.estimation.bank.noise_moves import find_noise_moves, take_off_noise
 from msls_ros.estimation.bank.ramps import explain_by_ramps, find_ramps
 from msls_ros.estimation.bank.residual import LARGEST_COLOUR
+from msls_ros.estimation.bank.rest import was_answered
 from msls_ros.estimation.bank.state import BankState
 from msls_ros.estimation.bank.uncertainty import square_of_change
 from msls_ros.estimation.bank.work import BankWork
@@ -329,7 +330,7 @@ def compare_surfaces(
     p = before.shape[1]
     m = s.loss_members[a]
     excess = 0.0
-    begin_comparison(s, x, work)
+    begin_comparison(s, x, not scattered, work)
     prepared = -1
     for q in range(before.shape[0]):
         n = noise_of(s, x, q, a) if work.concerned[q] != 0 else 0.0
@@ -390,8 +391,12 @@ def compare_surfaces(
 
 
 @compiled
-def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
-    """Clear what is filled in, and find how noisy the deflections are, ``work.resting`` and ``work.slow``."""
+def begin_comparison(s: BankSettings, x: BankState, named: bool, work: BankWork) -> None:
+    """Clear what is filled in, and find how noisy the deflections are, ``work.resting`` and ``work.slow``.
+
+    Where a name is wanted, white motion that was never answered when it was as large may all be noise: what rests after
+    an alarm, for the aircraft flies straight, has lost nothing by that.
+    """
     for k in range(s.gains.shape[0]):
         work.change[k] = 0.0
         work.variance[k] = 0.0
@@ -406,6 +411,8 @@ def begin_comparison(s: BankSettings, x: BankState, work: BankWork) -> None:
     for j in range(s.gains.shape[1]):
         work.resting[j] = resting_noise(s, x, j)
         work.slow[j] = slow_noise(s, x, j)
+        if named and not was_answered(s, x, j):
+            work.slow[j] = max(work.slow[j], most_noise(s, x, j))
 
 
 @compiled
