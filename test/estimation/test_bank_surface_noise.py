@@ -9,7 +9,7 @@ import pytest
 
 from msls_ros.estimation import Estimate, EventKind, Identifier, from_mapping
 from msls_ros.estimation.bank.regression import BankRegression
-from msls_ros.estimation.bank.responses import averaged_share, by_standing_in, find_hidden, weight_of
+from msls_ros.estimation.bank.responses import averaged_share, find_hidden, likelier, weight_of
 from msls_ros.inputs import differentiated
 
 RATE, SUBSTEPS = 50, 8
@@ -119,6 +119,9 @@ def test_what_stands_in_for_a_noisy_state_explains_no_more_than_its_noise_hides(
     find_hidden(s, x, factor, np.zeros(5))
     expected = (x.response_states**2 * number * noise / (1.0 - number * noise / square)).sum(axis=1) / left
     np.testing.assert_allclose(x.response_hidden, expected, rtol=1e-12)
-    x.response_fit[:, :, 1] = 1.0
-    most = -sum(weight_of(s, x, q, 100.0) * math.log(max(1.0 - x.response_hidden[q], 1e-9)) for q in range(2))
-    assert by_standing_in(s, x, 3, 0, 100.0) == pytest.approx(most, rel=1e-9)
+    x.response_fit[:, :, 1:] = 1.0, 0.0
+    x.response_fit[0, :, 0], x.response_fit[3, :, 0] = 0.0, [400.0, 3.0]
+    hidden = [-weight_of(s, x, q, 100.0) * math.log(max(1.0 - x.response_hidden[q], 1e-9)) for q in range(2)]
+    beyond = sum(max(gained - most, 0.0) for gained, most in zip((400.0, 3.0), hidden, strict=True))
+    assert likelier(s, x, 3, 0, 100.0, 0.0, True) == pytest.approx(beyond, rel=1e-9)
+    assert likelier(s, x, 3, 0, 100.0, 0.0, False) == 403.0

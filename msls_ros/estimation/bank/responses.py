@@ -16,18 +16,24 @@ over the last seconds the profile likelihood of response a is, over the rows::
 
     L_a = -1/2 sum_q (n_q / c_q) ln( left_q(a) ),         c_q corrects for autocorrelation
 
-where rows count of which the effectors explain at least half of what the states leave, and its evidence is
-``L_a - L_now``, summed over half a minute of excited flight. A lag also averages the noise of measured deflections,
-which fits better whatever is late; so a lag must also be better than the same filter without its delay,
-``f_j(k + tau)``, which is looked at in the past. Deflections and commands may also be recorded late (a slow bus, a
-filter of their sensor): n may be -1, and -2 without a lag, and once that is taken states and outputs are held back by
-as much (`hold`). With a lag that is next to its filter without a delay, so there it suffices that more is gained than
-averaging can make: with the variance sigma^2 of the noise, ``-1/2 sum_q (n_q / c_q) ln(1 - sum_j theta_j^2 n sigma_j^2
-/ (l left_q))``. (For all lags that suffices not: of a servo of 7 rad/s in noise a third of the lag was found.)
-Noise in a row's own state makes it seem early too (`seems_early`); such rows do not count there. And what deflections
-have made of such a state before is in their lag, more clearly than in its record: with the contrary sign of their
-effect, for it damps. A lag that turns effects round gains nothing (`turns_round`). What is white in an output, by its
-third differences, is the noise of its sensor and none of what effectors should explain.
+where rows count of which the effectors explain at least half of what the states leave, and its evidence is ``L_a -
+L_now``, summed over half a minute of excited flight. A lag also averages the noise of measured deflections, which fits
+better whatever is late; so a lag must also be better than the same filter without its delay, ``f_j(k + tau)``, which is
+looked at in the past. Deflections and commands may also be recorded late (a slow bus, a filter of their sensor): n may
+be -1, and -2 without a lag, and once that is taken states and outputs are held back by as much (`hold`). With a lag
+that is next to its filter without a delay, so there it suffices that more is gained than averaging can make: with the
+variance sigma^2 of the noise, ``-1/2 sum_q (n_q / c_q) ln(1 - sum_j theta_j^2 n sigma_j^2 / (l left_q))``. (For all
+lags that suffices not: of a servo of 7 rad/s in noise a third of the lag was found.) Two samples of which each counts
+in part hold less noise than one: what comes before is in the states as well, what comes after is not, so it is the
+record that seems late. Where no lag is between them, an early response must gain more than that, ``2 d (1 - d)`` of the
+noise (`averaged_share`). And a state that is noisy is less than it is to least squares; deflections that a law moves
+with it, slowly, say more of it than its own record, late and through a lag most of all. Of a state with a share rho of
+noise in what the other regressors leave of it, its effect theta as it is found, that may be ``theta^2 n sigma^2 / (1 -
+rho)`` of what is left at most (Fuller, errors in variables), which a longer delay or a lag must gain besides
+(`find_hidden`). Noise in a row's own state makes it seem early too (`seems_early`); such rows do not count there. And
+what deflections have made of such a state before is in their lag, more clearly than in its record: with the contrary
+sign of their effect, for it damps. A lag that turns effects round gains nothing (`turns_round`). What is white in an
+output, by its third differences, is the noise of its sensor and none of what effectors should explain.
 
 A response other than that of now is taken when its evidence is decisive (`DECISIVE`); all that has been learnt belongs
 to other regressors then, and every equation begins anew, as after an alarm. What is left of the delay, a fraction of l,
@@ -41,7 +47,8 @@ one is half of it, which gusts hide, and a short one may be a lag, or what is wr
 References
 ----------
 Kass and Raftery, "Bayes factors", J. Am. Stat. Assoc. 90 (1995) (decisive evidence). Klein and Morelli, *Aircraft
-System Identification*, 2006, section 10.2 (actuators, time delays).
+System Identification*, 2006, section 10.2 (actuators, time delays). Fuller, *Measurement Error Models*, 1987, section
+1.1 (attenuation).
 """
 
 from __future__ import annotations
@@ -295,24 +302,16 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
     gain = min(LOOK * (1.0 - s.block_forgetting), 1.0) * moving
     best = now
     for a in range(others):
-        gained = likelier(s, x, a, now)
-        lag = s.responses[a, 0]
-        if lag > 0 and s.responses[now, 0] == 0:
-            least = gained - by_averaging(s, x, a, now, free, 1.0) if s.responses[a, 1] < 0 else -math.inf
-            gained = max(min(gained, likelier(s, x, a, others + lag - 1)), least)
-        elif s.responses[a, 1] < 0 and lag == s.responses[now, 0]:
-            averaged = by_averaging(s, x, a, now, free, averaged_share(x.response_part[a]))
-            gained = min(gained, max(gained - averaged, 0.0))
-        if s.responses[a, 1] > s.responses[now, 1] or (lag > 0 and s.responses[now, 0] == 0):
-            gained = min(gained, max(gained - by_standing_in(s, x, a, now, free), 0.0))
         apart = s.responses[a, 1] + x.response_part[a] - s.responses[now, 1]
-        if lag > 0 and turns_round(s, x, a, now):
-            gained = min(gained, 0.0)
-        alike = lag == s.responses[now, 0]
+        alike = s.responses[a, 0] == s.responses[now, 0]
+        gained = gained_by(s, x, a, now, others, free, True)
+        shown = gained_by(s, x, a, now, others, free, False)
         if alike and least_part(s, now) <= apart < 1.0 + BEYOND:
-            gained = min(gained, 0.0)  # its delay lies within the reach of that of now
-        x.response_evidence[a] += gain * (gained - FORGOTTEN * x.response_evidence[a])
+            gained, shown = min(gained, 0.0), min(shown, 0.0)  # its delay lies within the reach of that of now
         near = alike and -BEYOND <= apart < 0.0
+        shown = min(shown, 0.0) if near else shown
+        x.response_shown[a] += gain * (shown - FORGOTTEN * x.response_shown[a])
+        x.response_evidence[a] += gain * (gained - FORGOTTEN * x.response_evidence[a])
         if x.response_evidence[a] > x.response_evidence[best] and not near:
             best = a
     lead = x.response_evidence[best]
@@ -321,7 +320,11 @@ def compare_responses(s: BankSettings, x: BankState, factor: Array, w: Array, z:
         x.response[0] = best
         for a in range(others):
             x.response_evidence[a] -= lead
+            x.response_shown[a] = min(x.response_shown[a], 0.0)
     shape = shape_doubt(s, x)
+    for a in range(others):
+        if x.response_shown[a] > max(lead, 0.0):
+            best, lead = a, x.response_shown[a]
     edge = abs(lateness(s, x, best) - lateness(s, x, now)) / RISE
     for q in range(x.response_doubt.shape[0]):
         doubt = 0.0 if taken else min(lead / DECISIVE, max(share_of_change(s, x, q, best, now), edge))
@@ -422,43 +425,63 @@ def find_steps(s: BankSettings, x: BankState, a: int, d: float) -> None:
 
 
 @compiled
-def likelier(s: BankSettings, x: BankState, a: int, b: int) -> float:
-    """Return by how much response a is likelier than b, by the rows that answer the effectors [1]."""
+def gained_by(s: BankSettings, x: BankState, a: int, now: int, others: int, free: float, certain: bool) -> float:
+    """Return by how much response a is likelier than that of now, no more than noise leaves of it [1].
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    a, now
+        Responses.
+    others
+        How many are no filters without a delay.
+    free
+        Samples, as for `fit`.
+    certain
+        Whether what stands in for noisy states gains nothing. What may be a lag is in doubt, whether it does or not.
+    """
+    lag, early = s.responses[a, 0], s.responses[a, 1] < 0
+    hidden = certain and (s.responses[a, 1] > s.responses[now, 1] or (lag > 0 and s.responses[now, 0] == 0))
+    averaged = averaged_share(x.response_part[a]) if early and lag == s.responses[now, 0] else 0.0
+    gained = likelier(s, x, a, now, free, averaged, hidden)
+    if lag > 0 and s.responses[now, 0] == 0:
+        least = likelier(s, x, a, now, free, 1.0, hidden) if early else -math.inf
+        gained = max(min(gained, likelier(s, x, a, others + lag - 1, free, 0.0, False)), least)
+    if lag > 0 and turns_round(s, x, a, now):
+        gained = min(gained, 0.0)
+    return gained
+
+
+@compiled
+def likelier(s: BankSettings, x: BankState, a: int, b: int, free: float, averaged: float, hidden: bool) -> float:
+    """Return by how much response a is likelier than b, by the rows that answer the effectors [1].
+
+    Parameters
+    ----------
+    s, x
+        Settings and state.
+    a, b
+        Responses.
+    free
+        Samples, as for `fit`.
+    averaged
+        Share of the variance of the noise in deflections that a averages away: no row gains by that.
+    hidden
+        Whether no row gains by standing in for states that noise hides; b is the response of now then.
+    """
     total = 0.0
     early = s.responses[a, 1] < 0
     for q in range(x.response_fit.shape[1]):
         if early and seems_early(s, x, q) > BEYOND:
             continue
-        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
-            total += x.response_fit[a, q, 0] - x.response_fit[b, q, 0]
-    return total
-
-
-@compiled
-def by_averaging(s: BankSettings, x: BankState, a: int, b: int, free: float, share: float) -> float:
-    """Return the most that response a may be likelier than b because it averages the noise in deflections [1].
-
-    It takes a share of their variance away; ``free`` as for `fit`.
-    """
-    total = 0.0
-    for q in range(x.response_fit.shape[1]):
-        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
-            left = max(1.0 - share * x.response_fit[b, q, 2], REDUNDANT)
-            total -= weight_of(s, x, q, free) * logarithm(left)
-    return total
-
-
-@compiled
-def by_standing_in(s: BankSettings, x: BankState, a: int, b: int, free: float) -> float:
-    """Return the most that response a may be likelier than b because it stands in for states that noise hides [1].
-
-    ``free`` as for `fit`.
-    """
-    total = 0.0
-    for q in range(x.response_fit.shape[1]):
-        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) >= ANSWERS:
-            left = max(1.0 - x.response_hidden[q], REDUNDANT)
-            total -= weight_of(s, x, q, free) * logarithm(left)
+        if max(x.response_fit[a, q, 1], x.response_fit[b, q, 1]) < ANSWERS:
+            continue
+        gained = x.response_fit[a, q, 0] - x.response_fit[b, q, 0]
+        noise = averaged * x.response_fit[b, q, 2] + (x.response_hidden[q] if hidden else 0.0)
+        if gained > 0.0 and noise > 0.0:
+            gained = max(gained + weight_of(s, x, q, free) * logarithm(max(1.0 - noise, REDUNDANT)), 0.0)
+        total += gained
     return total
 
 

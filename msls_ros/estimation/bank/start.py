@@ -143,6 +143,7 @@ def _responses(s: BankSettings, rows: int, groups: int) -> dict[str, Any]:
         response_block=np.zeros(1, np.int64),
         response_part=np.zeros(len(s.responses)),
         response_evidence=np.zeros(len(s.responses)),
+        response_shown=np.zeros(len(s.responses)),
         response_doubt=np.zeros(rows),
         response_steps=np.zeros((effectors, p)),
         response_squares=np.zeros((effectors, effectors)),

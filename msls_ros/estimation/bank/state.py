@@ -182,6 +182,8 @@ class BankState(NamedTuple):
     """(a,) part of l by which each response is late besides."""
     response_evidence: Array
     """(a,) for each response instead of that of now."""
+    response_shown: Array
+    """(a,) the same with what may stand in for states that noise hides, for the bars."""
     response_doubt: Array
     """(r,) share of an effect that it may be off by where another response has evidence [1]."""
     response_steps: Array
